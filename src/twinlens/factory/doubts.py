@@ -97,9 +97,9 @@ def misplaced(scene: Scene, rig: Rig, truths: Sequence[Truth]) -> list[str]:
     Lamps and surroundings, such as the wall behind a camera, are left out: an object is taken for surroundings if it is
     larger than its distance from the first camera.
     """
-    in_view = {
-        truth.object_name(covered) for truth in truths for covered in truth.objects
-    }
+    in_view: set[str] = set()
+    for truth in truths:
+        in_view.update(map(truth.object_name, truth.objects))
     cam_from_world = inverse(rig.world_from_cams[0])
     places = []
     for scene_object in scene.objects:

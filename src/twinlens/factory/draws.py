@@ -246,16 +246,12 @@ def hint(message: str, tree: Any) -> str:
     """
     key, _, problem = message.partition(": ")
     if table := re.search(r"must be .*, got \{(.*)", problem):
-        near = [
-            kind
-            for word in re.findall(r"'(\w+)':", table[1])
-            for kind in difflib.get_close_matches(word, KINDS, 1)
-        ]
-        return (
-            f"; did you mean the distribution {near[0]!r}?"
-            if near
-            else f"; distributions are {', '.join(KINDS)}"
-        )
+        near: list[str] = []
+        for word in re.findall(r"'(\w+)':", table[1]):
+            near += difflib.get_close_matches(word, KINDS, 1)
+        if near:
+            return f"; did you mean the distribution {near[0]!r}?"
+        return f"; distributions are {', '.join(KINDS)}"
     kinds = {leaf.key: leaf.kind for leaf in leaves(tree)}
     if "must be a whole number" in problem and kinds.get(key) in (
         "uniform",

@@ -213,14 +213,13 @@ def grey(image: NDArray[Any], sensor: Sensor) -> Grey:
     black, white = 0.0, float(np.iinfo(image.dtype).max)
     if sensor.output == "raw":
         black, white = sensor.black_level, float(sensor.largest_dn)
-    mean = (
-        image.mean(axis=-1, dtype=np.float32)
-        if image.ndim == 3
-        else image.astype(np.float32)
-    )
+    mean: NDArray[Any] = image.astype(np.float32)
+    if image.ndim == 3:
+        mean = image.mean(axis=-1, dtype=np.float32)
     if sensor.output == "raw" and sensor.filters in BAYER:
         below = np.pad(mean, ((0, 1), (0, 1)), mode="reflect")
-        mean = (below[:-1, :-1] + below[1:, :-1] + below[:-1, 1:] + below[1:, 1:]) / 4
+        left, right = below[:, :-1], below[:, 1:]
+        mean = (left[:-1] + left[1:] + right[:-1] + right[1:]) / 4
     return np.asarray((mean - black) / (white - black), dtype=np.float32)
 
 

@@ -4,6 +4,7 @@ A table replaces keys of the object with its name in scene.toml, or is a whole o
 """
 
 import graphlib
+import itertools
 import math
 import re
 from collections import Counter
@@ -72,11 +73,7 @@ _TURNS = ("rotate", "euler_deg", "look_at")
 _MATERIAL: TypeAdapter[AnyMaterial] = TypeAdapter(MaterialTable)
 _OBJECT: TypeAdapter[ObjectBase] = TypeAdapter(ObjectTable)
 _SHAPES: dict[str, dict[str, Any]] = {**ANALYTIC_SHAPES, **MESH_SHAPES}
-_OBJECT_KEYS = {
-    "shape",
-    *MeshFile.model_fields,
-    *(key for keys in _SHAPES.values() for key in keys),
-}
+_OBJECT_KEYS = {"shape", *MeshFile.model_fields}.union(*_SHAPES.values())
 
 
 class Placing(StrictModel):
@@ -156,11 +153,11 @@ def copy_names(
     >>> copy_names({"part": parts, "lamp": [{"translate": [0, 0, 1]}]})
     {'part': ['mug[0]', 'brick[0]'], 'lamp': ['lamp']}
     """
-    labels = {
-        name: [_label(name, table) for table in tables]
-        for name, tables in objects.items()
-    }
-    of_all = Counter(label for group in labels.values() for label in group)
+    labels: dict[str, list[str]] = {}
+    of_all: Counter[str] = Counter()
+    for name, tables in objects.items():
+        labels[name] = [_label(name, table) for table in tables]
+        of_all.update(labels[name])
     used: Counter[str] = Counter()
     names: dict[str, list[str]] = {}
     for name, tables in objects.items():
@@ -357,25 +354,18 @@ def _check_labels(
 
 def in_order(copies: Mapping[str, Sequence[Draft]], file: Path) -> list[str]:
     """The names of objects: those with a pose first, the others after those that they rest on or look at."""
-    before = {
-        name: copies.keys()
-        & {
-            target
-            for draft in group
-            for target in (draft.place.resting_on, draft.place.looking_at)
-        }
-        for name, group in copies.items()
-    }
-    posed = {
-        name
-        for name in copies
-        if not before[name]
-        and not any(draft.place.resting_on for draft in copies[name])
-    }
-    before = {
-        name: others if name in posed else others | posed
-        for name, others in before.items()
-    }
+    before: dict[str, set[str]] = {}
+    posed = set()
+    for name, group in copies.items():
+        targets: set[str | None] = set()
+        for draft in group:
+            targets |= {draft.place.resting_on, draft.place.looking_at}
+        before[name] = copies.keys() & targets
+        rests = any(draft.place.resting_on for draft in group)
+        if not before[name] and not rests:
+            posed.add(name)
+    for name in copies.keys() - posed:
+        before[name] = before[name] | posed
     try:
         return list(graphlib.TopologicalSorter(before).static_order())
     except graphlib.CycleError as error:
@@ -501,9 +491,9 @@ class _Stage:
 
     def support(self, name: str, key: str) -> list[Float]:
         """The triangles of the objects of that name. Raises InputError if there is none."""
-        triangles = [
-            part for body in self.bodies(name) for part in self.triangles[body.name]
-        ]
+        triangles: list[Float] = []
+        for body in self.bodies(name):
+            triangles += self.triangles[body.name]
         if not triangles and name in self.added:
             raise Rejected(
                 f"no object for {key}",
@@ -535,7 +525,7 @@ class _Stage:
             if not (face.holds(trial.moved(rest.support)) and trial.balanced()):
                 continue
             if chosen not in near:
-                parts = [part for body in self.triangles.values() for part in body]
+                parts = list(itertools.chain.from_iterable(self.triangles.values()))
                 near[chosen] = near_triangles(parts, face, rest)
             # It crosses no surface, and is not whole inside another body.
             middle = trial.place + trial.spin @ rest.centre
@@ -584,12 +574,11 @@ class _Stage:
         """The level faces of all objects of that name, each with how its object lies."""
         if carrier not in self.faces:
             self.support(carrier, "resting_on")
-            faces = [
-                (face, self.rests.get(body.name))
-                for body in self.bodies(carrier)
-                for part in self.triangles[body.name]
-                for face in level_faces(part)
-            ]
+            faces: list[tuple[LevelFace, Placed | None]] = []
+            for body in self.bodies(carrier):
+                rest = self.rests.get(body.name)
+                for part in self.triangles[body.name]:
+                    faces += [(face, rest) for face in level_faces(part)]
             if not faces:
                 raise InputError(
                     f"resting_on: {carrier!r} has no level face; name an object with one"
@@ -632,23 +621,19 @@ class _Stage:
     def enclosed(self, point: Float) -> bool:
         """Whether a point (3,) is inside a closed object that does not enclose the camera too, as a room does."""
         eye = self.rig.world_from_cams[0][:3, 3]
-        return any(
-            ((part.min(axis=(0, 1)) < point) & (point < part.max(axis=(0, 1)))).all()
-            and _inside(part, point)
-            and not _inside(part, eye)
-            for parts in self.triangles.values()
-            for part in parts
-        )
+        for part in itertools.chain.from_iterable(self.triangles.values()):
+            low, high = part.min(axis=(0, 1)), part.max(axis=(0, 1))
+            in_box = ((low < point) & (point < high)).all()
+            if in_box and _inside(part, point) and not _inside(part, eye):
+                return True
+        return False
 
     def share_in_view(self, body: SceneObject) -> float:
         """The least share, over the cameras, of points of an object's surface that are inside the picture."""
         triangles = np.concatenate(world_triangles(body))
-        area = np.linalg.norm(
-            np.cross(
-                triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-            ),
-            axis=1,
-        )
+        first_edges = triangles[:, 1] - triangles[:, 0]
+        second_edges = triangles[:, 2] - triangles[:, 0]
+        area = np.linalg.norm(np.cross(first_edges, second_edges), axis=1)
         # Always the same points, so that the share depends on the pose alone.
         rng = generator(0, "surface")
         u, v = rng.random((2, _SURFACE_POINTS, 1))
@@ -670,7 +655,7 @@ class _Stage:
         """The scene's range of depths, extended to the vertices of the added objects in the first view."""
         near, far = self.scene.depth_range
         camera_from_world = inverse(self.rig.world_from_cams[0])
-        for body in (body for group in self.added.values() for body in group):
+        for body in itertools.chain.from_iterable(self.added.values()):
             points = np.concatenate(self.triangles[body.name]).reshape(-1, 3)
             seen = points[self.rig.cameras[0].contains(self.rig.project(0, points))]
             depth = transform_points(camera_from_world, seen)[:, 2]

@@ -75,6 +75,7 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
 
     rng = generator(recipe.seed, "sample", index, attempt)
     seed = int(rng.integers(1 << _SEED_BITS))
+    once = resolve(recipe.drawn, choose)
     return SampleSpec(
         index=index,
         attempt=attempt,
@@ -83,9 +84,7 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
         seed=seed,
         kind=recipe.kind,
         scene=recipe.names[chosen],
-        drawn=_with_copies(
-            recipe, resolve(recipe.drawn, choose), choose, (index, attempt)
-        ),
+        drawn=_with_copies(recipe, once, choose, (index, attempt)),
         ndisp=recipe.ndisp,
         keep=recipe.keep,
     )

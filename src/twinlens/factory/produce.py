@@ -143,11 +143,9 @@ class NoiseWarning(UserWarning):
 
 def warn_of_noise(sample: Sample, index: int) -> None:
     """Give a NoiseWarning if the sample's noise is above its limit."""
-    ratios = [
-        ratio
-        for shot in sample.shots
-        for ratio in shot.record.get("light_paths_over_sensor", ())
-    ]
+    ratios: list[float] = []
+    for shot in sample.shots:
+        ratios += shot.record.get("light_paths_over_sensor", ())
     limit = sample.record["noise"]
     if limit is not None and max(ratios) > limit:
         used = max(shot.record["spp"] for shot in sample.shots)
@@ -252,7 +250,7 @@ def _check_light(
     is_lit = settings.sky or settings.scene.objects or rig.projectors
     if is_lit or scene is ANY_SCENE:
         return
-    bands = {band for camera in rig.cameras for band in camera.bands}
+    bands = set[str]().union(*(camera.bands for camera in rig.cameras))
     with located(f"{recipe.file}: scenes"):
         for band in bands:
             check_lit(in_band(scene, band), band)

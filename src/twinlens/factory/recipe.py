@@ -5,6 +5,7 @@ sample: `Recipe.drawn` is a template in which any value may be a distribution. I
 distribution begins, ends or chooses.
 """
 
+import itertools
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -297,7 +298,7 @@ class _Corner:
     @property
     def has_random_places(self) -> bool:
         """Whether objects get random places or meshes."""
-        tables = [table for copies in self.objects.values() for table in copies]
+        tables = itertools.chain.from_iterable(self.objects.values())
         return any({"resting_on", "folder"} & table.keys() for table in tables)
 
     @property
@@ -371,7 +372,7 @@ def _check_effects(checked: list[_Corner], path: Path, gates: Gates) -> None:
             raise InputError(
                 f"{path}: gates.noise: the noise is measured with spp >= 2 and denoise = true or noise only"
             )
-    lenses = [lens for corner in checked for lens in corner.lenses]
+    lenses = itertools.chain.from_iterable(corner.lenses for corner in checked)
     if any(lens.aperture_diameter > 0 for lens in lenses):
         return
     for key in ("diffraction", "dual_pixel"):

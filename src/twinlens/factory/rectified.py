@@ -69,25 +69,27 @@ def rectified_sample(
         misalignment=misalignment,
     )
     origin = {
-        "rectified_from": {
-            "sample": stored.name,
-            "views": [left, right],
-            "fit": fit,
-            "pictures": pictures,
-            **_spec(stored),
-        }
+        "sample": stored.name,
+        "views": [left, right],
+        "fit": fit,
+        "pictures": pictures,
+        **_spec(stored),
     }
     if pictures == "render":
         sample = _rendered_pair(stored, scene, result, right or left, progress)
     else:
         sample = _warped_pair(stored, scene, result, (left, right))
+    _warn_of_no_overlap(stored.name, sample)
+    return replace(sample, record={**sample.record, "rectified_from": origin})
+
+
+def _warn_of_no_overlap(name: str, sample: Sample) -> None:
     if not any(truth.visible.any() for truth in sample.truths):
         warnings.warn(
-            f"{stored.name}: no pixel is visible in both rectified views; are the lengths of the rig's file in metres?",
+            f"{name}: no pixel is visible in both rectified views; are the lengths of the rig's file in metres?",
             ResultWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
-    return replace(sample, record={**sample.record, **origin})
 
 
 def _spec(stored: StoredSample) -> dict[str, Any]:

@@ -236,28 +236,21 @@ class RecipeSettings(StrictModel):
             width is None or type(width) is int
         ):
             return data
-        return (
-            dict(zip(("width", "height"), CAMERAS[preset].size(width), strict=True))
-            | data
-        )
+        preset_width, preset_height = CAMERAS[preset].size(width)
+        return {"width": preset_width, "height": preset_height} | data
 
     @model_validator(mode="after")
     def _check_camera_and_rig(self) -> "RecipeSettings":
         if preset := (self.camera or {}).get("preset"):
             find_camera(preset).resized(self.width, self.height)
+        with_alternatives = set[str]().union(*ALTERNATIVES)
         groups = [
             *ALTERNATIVES,
-            *(
-                {key}
-                for key in Intrinsics.model_fields
-                if not any(key in g for g in ALTERNATIVES)
-            ),
+            *({key} for key in Intrinsics.model_fields if key not in with_alternatives),
         ]
         for keys in groups:
-            camera, rig = (
-                [key for key in table if key in keys]
-                for table in (self.camera or {}, self.rig)
-            )
+            camera = [key for key in self.camera or {} if key in keys]
+            rig = [key for key in self.rig if key in keys]
             if camera and rig:
                 raise InputError(
                     f"camera.{camera[0]} and rig.{rig[0]} exclude each other; keep one"

@@ -5,6 +5,7 @@ so that a file edited during a run is detected at little cost.
 """
 
 import hashlib
+import itertools
 import os
 import warnings
 import weakref
@@ -173,7 +174,9 @@ class Sources:
             for name, has_materials in self.named.items()
             if Path(name).suffix.lower() in MESH_FILES
         }
-        skies = {path for files in self.sky_files.values() for path in files.values()}
+        skies = set[Path]().union(
+            *(files.values() for files in self.sky_files.values())
+        )
         left = _READ_AT_FIRST
         for path in [*sorted(skies), *meshes]:
             left -= path.stat().st_size
@@ -193,10 +196,8 @@ class Sources:
 
     def check_output(self, output: Path) -> None:
         """Raise InputError for an output folder below one whose files the recipe draws from."""
-        for name in (
-            *(name for names in self.assets.values() for name in names),
-            *self.skies,
-        ):
+        folders = itertools.chain.from_iterable(self.assets.values())
+        for name in (*folders, *self.skies):
             folder = (self.folder / name).resolve()
             if folder.is_dir() and output.resolve().is_relative_to(folder):
                 remedy = "its images would become the recipe's files; name a folder elsewhere"

@@ -291,6 +291,12 @@ def dask_cluster(address: str) -> Engine:
     return engine
 
 
+_ENDS_AT_ONCE = (
+    "worker processes end as soon as they start; a script needs the guard `if __name__ == "
+    '"__main__":`, and more may be in the system\'s log'
+)
+
+
 def _collected(
     submit: Callable[[int], Future[Made]],
     most: Callable[[], int],
@@ -322,10 +328,7 @@ def _collected(
                 if tries[index] < _TRIES:
                     running[submit(index)] = index
                 elif isinstance(error, BrokenProcessPool):
-                    raise BackendError(
-                        "worker processes end as soon as they start; a script needs the guard `if __name__ == "
-                        '"__main__":`, and more may be in the system\'s log'
-                    ) from error
+                    raise BackendError(_ENDS_AT_ONCE) from error
             else:
                 done += 1
                 for warning in caught:
