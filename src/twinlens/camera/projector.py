@@ -76,14 +76,7 @@ class Projector:
         focus_distance: float = math.inf,
         sequence: Sequence[Code | ArrayLike | str] = (),
     ) -> None:
-        if not isinstance(intrinsics, Camera):
-            raise InputError(
-                f"a projector's intrinsics must be a Camera, got {format_value(intrinsics)}"
-            )
-        if intrinsics.is_wide:
-            raise InputError(
-                "a projector's pattern must be within 90 degrees of its axis: use a larger fx and fy"
-            )
+        _check_intrinsics(intrinsics)
         check_number(
             "a projector's power",
             power,
@@ -101,10 +94,9 @@ class Projector:
         )
         check_focus(focus_distance)
         codes = _checked_sequence(sequence, intrinsics)
+        rig_from_projector = np.eye(4) if pose is None else pose
         values = {
-            "pose": check_rigid(
-                np.eye(4) if pose is None else pose, "a projector's pose"
-            ),
+            "pose": check_rigid(rig_from_projector, "a projector's pose"),
             "intrinsics": intrinsics,
             "pattern": _shown_first(pattern, codes, intrinsics),
             "power": float(power),
@@ -195,6 +187,17 @@ def _of_size(pattern: ArrayLike | str, intrinsics: Camera) -> Pattern:
             f"a projector's pattern must have the shape {size} of its intrinsics, got {values.shape}"
         )
     return checked_pattern(values)
+
+
+def _check_intrinsics(intrinsics: Camera) -> None:
+    if not isinstance(intrinsics, Camera):
+        raise InputError(
+            f"a projector's intrinsics must be a Camera, got {format_value(intrinsics)}"
+        )
+    if intrinsics.is_wide:
+        raise InputError(
+            "a projector's pattern must be within 90 degrees of its axis: use a larger fx and fy"
+        )
 
 
 def _checked_sequence(

@@ -81,7 +81,9 @@ class GrayCode:
         contrasts = np.abs(differences)
         modulation = contrasts.max(axis=0)
         coded = (pixel < self.count) & (modulation > 0)
-        # Towards a border of two pixels, the contrast of the bit that changes there falls linearly to 0.
+        # Light at the fraction x of the way from the middle of a pixel to its border: the bit that changes there has
+        # the contrast M (1 - x), since the pattern is interpolated. So x at the right border less that at the left one
+        # is (left - right) / M, and half of it is the distance from the middle in pixels.
         left = self._contrast_at(pixel, contrasts, modulation)
         right = self._contrast_at(pixel + 1, contrasts, modulation)
         step = 0.5 * (left - right) / np.where(coded, modulation, 1.0)
@@ -158,13 +160,14 @@ class PhaseShift:
 
     def _decode(self, images: Float) -> tuple[Float, Float]:
         """Positions in [-0.5, period - 0.5) and modulation (H, W)."""
-        # The first harmonic of the images over their shifts: its angle is the position, and its size is steps / 4 times
-        # the difference of bright and dark.
+        # Image k of N is I_k = A + M (1 + cos(phi - 2 pi k / N)) / 2 with phi = 2 pi position / period. Its first
+        # harmonic over the shifts is sum_k I_k exp(2 pi i k / N) = (N M / 4) exp(i phi): the ambient light A and the
+        # mean drop out. Source: Srinivasan, Liu and Halioua, Applied Optics 23(18), 1984.
         turns = np.exp(2j * np.pi * np.arange(self.steps) / self.steps)
         phasor = np.tensordot(turns, images, axes=1)
-        position = (
-            np.angle(phasor) / (2 * np.pi) * self.period + 0.5
-        ) % self.period - 0.5
+        position = np.angle(phasor) / (2 * np.pi) * self.period
+        # Into [-0.5, period - 0.5), so that the first pixel is whole.
+        position = (position + 0.5) % self.period - 0.5
         return position, np.abs(phasor) * (4 / self.steps)
 
 

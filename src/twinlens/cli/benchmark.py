@@ -1,6 +1,6 @@
 """`twinlens benchmark`: matchers x samples -> board.json, a table and a page."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from twinlens.cli.boards import (
 from twinlens.cli.options import SECONDS, Positive, json_option, search_options
 from twinlens.cli.places import PATH
 from twinlens.matching import parse_methods, parse_program
+from twinlens.matching.methods import MethodSpec
 from twinlens.scoring import Board, open_pairs
 
 DEFAULT_METHODS = "sad,ssd,zncc"
@@ -84,12 +85,8 @@ def command(
               twinlens benchmark out --command "mine=./prog --fast {left} {right} {out}" --time-limit 60 -o board
               twinlens benchmark out --methods sgm --by lens -o board
     """
-    texts = methods or (() if commands else (DEFAULT_METHODS,))
-    matchers: list[Any] = [*parse_methods(texts)] if texts else []
-    matchers += [parse_program(text, time_limit) for text in commands]
-    if time_limit is None and any(
-        getattr(matcher, "runs_user_code", False) for matcher in matchers
-    ):
+    matchers = _matchers(methods, commands, time_limit)
+    if time_limit is None and any(matcher.runs_user_code for matcher in matchers):
         time_limit = FOREIGN_LIMIT_S
     search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
     pairs = open_pairs(datasets, search)
@@ -105,14 +102,19 @@ def command(
     return print_board(board, output, as_json, names, by=by, notes=notes)
 
 
+def _matchers(
+    methods: Sequence[str], commands: Sequence[str], time_limit: float | None
+) -> list[MethodSpec]:
+    """The matchers of --methods, then those of --command; the default ones if neither names any."""
+    texts = methods or (() if commands else (DEFAULT_METHODS,))
+    matchers = parse_methods(texts) if texts else []
+    return matchers + [parse_program(text, time_limit) for text in commands]
+
+
 def _without_data(board: Board, options: Mapping[str, Any]) -> list[str]:
     """A line for each protocol and region that the user names and that no pair has the data for."""
-    measured = {
-        "protocols": set(board.protocols),
-        "regions": {
-            region for name in board.protocols for region in board.regions_of(name)
-        },
-    }
+    regions = set[str]().union(*map(board.regions_of, board.protocols))
+    measured = {"protocols": set(board.protocols), "regions": regions}
     context = click.get_current_context()
     lines = []
     for option, names in measured.items():

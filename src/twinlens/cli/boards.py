@@ -153,15 +153,7 @@ def print_board(
         print_json(record | _comparisons(board, groupings))
         return code
     for protocol in board.protocols:
-        regions = board.regions_of(protocol)
-        if not regions:
-            continue
-        region = "nonocc" if "nonocc" in regions else regions[0]
-        _print_table(board, protocol, region, groups)
-        for name, all_groups in groupings.items():
-            samples = scoring.groups_of_protocol(board, protocol, all_groups)
-            if samples:
-                _print_table(board, protocol, region, samples, by=name)
+        _print_tables(board, protocol, groups, groupings)
     for line in without_truth(board):
         click.echo(line)
     for note in notes:
@@ -169,12 +161,28 @@ def print_board(
     for line in scoring.failures(board, methods):
         click.echo(line if line.startswith(" ") else f"failed: {line}")
     if not board.regions:
-        click.echo(
-            "nothing was scored: "
-            + ("every method failed" if code else "no sample has these regions")
-        )
+        reason = "every method failed" if code else "no sample has these regions"
+        click.echo(f"nothing was scored: {reason}")
     click.echo(f"page: {(output / 'index.html').resolve().as_uri()}")
     return code
+
+
+def _print_tables(
+    board: scoring.Board,
+    protocol: str,
+    groups: scoring.Groups | None,
+    groupings: Mapping[str, scoring.Groups],
+) -> None:
+    """Print the means of a protocol in the region that matters most, and those of the groups of `groupings`."""
+    regions = board.regions_of(protocol)
+    if not regions:
+        return
+    region = "nonocc" if "nonocc" in regions else regions[0]
+    _print_table(board, protocol, region, groups)
+    for name, all_groups in groupings.items():
+        samples = scoring.groups_of_protocol(board, protocol, all_groups)
+        if samples:
+            _print_table(board, protocol, region, samples, by=name)
 
 
 def _comparisons(

@@ -73,12 +73,19 @@ def command(output: Path, denoise: bool, as_json: bool) -> None:
     dataset, board_folder = output / "dataset", output / "board"
     check_samples(dataset, SCENES, overwrite=True)
     _render(dataset, denoise)
-    if (
-        board_folder / "board.json"
-    ).exists():  # of an earlier demo, perhaps with another backend
-        shutil.rmtree(board_folder)
+    if (board_folder / "board.json").exists():
+        shutil.rmtree(board_folder)  # of an earlier demo, perhaps with another backend
     rendered = time.perf_counter()
-    pairs = DatasetPairs(Dataset(dataset), [motorcycle()])
+    _compare(DatasetPairs(Dataset(dataset), [motorcycle()]), board_folder, as_json)
+    seconds = time.perf_counter() - rendered
+    click.echo(
+        f"rendered in {rendered - start:.0f} s, matched and scored in {seconds:.0f} s",
+        err=True,
+    )
+
+
+def _compare(pairs: DatasetPairs, folder: Path, as_json: bool) -> None:
+    """Match and score the pairs, and print the means of the two lenses and of the real pair."""
     click.echo(
         f"matching {counted(len(pairs), 'pair')} with {counted(len(METHODS), 'method')}",
         err=True,
@@ -89,17 +96,10 @@ def command(output: Path, denoise: bool, as_json: bool) -> None:
         "real pair": ["motorcycle"],
     }
     board = run_board(
-        pairs, METHODS, board_folder, (PROTOCOL,), ("all", REGION), title="twinlens demo",
+        pairs, METHODS, folder, (PROTOCOL,), ("all", REGION), title="twinlens demo",
         page_options=lambda board: {"groups": groups, "notes": _notes(board, groups)},
     )  # fmt: skip
-    print_board(
-        board, board_folder, as_json, groups=groups, notes=_notes(board, groups)
-    )
-    seconds = time.perf_counter() - rendered
-    click.echo(
-        f"rendered in {rendered - start:.0f} s, matched and scored in {seconds:.0f} s",
-        err=True,
-    )
+    print_board(board, folder, as_json, groups=groups, notes=_notes(board, groups))
 
 
 def _render(dataset: Path, denoise: bool) -> None:

@@ -22,6 +22,7 @@ from twinlens.cli.places import PATH, PLACE
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Dataset, Place
 from twinlens.errors import InputError, counted
+from twinlens.factory.workers import Engine
 from twinlens.scoring import recipe_toml
 
 
@@ -88,19 +89,9 @@ def command(
     if dry_run:
         _print_estimate(factory.estimate(read, output), output, as_json)
         return 0
-    workers, scheduler = options["workers"], options["scheduler"]
-    if workers is not None and scheduler is not None:
-        raise InputError("--workers and --scheduler exclude each other")
-    part = re.fullmatch("([0-9]+)/([0-9]+)", options["shard"])
-    if part is None or not 1 <= int(part[1]) <= int(part[2]):
-        raise InputError(
-            f"--shard must be i/n with i from 1 to n, such as 2/8, got {options['shard']!r}"
-        )
-    shard = int(part[1]), int(part[2])
+    engine = _engine(options["workers"], options["scheduler"])
+    shard = _shard(options["shard"])
     kept = "finished samples are kept; run the same command to resume"
-    engine = factory.worker_processes(workers) if workers else factory.usual_engine
-    if scheduler:
-        engine = factory.dask_cluster(scheduler)
     with progress_bar("generating") as report, interrupt_note(lambda: kept):
         outcome = factory.generate(
             read, output, limit=limit, shard=shard, report=report, engine=engine
@@ -109,6 +100,25 @@ def command(
     if outcome.there:
         _print_rectify_hint(output)
     return 1 if outcome.failures else 0
+
+
+def _engine(workers: int | None, scheduler: str | None) -> Engine:
+    """Where samples are made: worker processes of this machine, or a Dask cluster."""
+    if workers is not None and scheduler is not None:
+        raise InputError("--workers and --scheduler exclude each other")
+    if scheduler:
+        return factory.dask_cluster(scheduler)
+    return factory.worker_processes(workers) if workers else factory.usual_engine
+
+
+def _shard(text: str) -> tuple[int, int]:
+    """(i, n) of --shard i/n."""
+    part = re.fullmatch("([0-9]+)/([0-9]+)", text)
+    if part is None or not 1 <= int(part[1]) <= int(part[2]):
+        raise InputError(
+            f"--shard must be i/n with i from 1 to n, such as 2/8, got {text!r}"
+        )
+    return int(part[1]), int(part[2])
 
 
 def _print_rectify_hint(output: Place) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from twinlens.cli.options import DISPARITY, SECONDS, Whole, json_option, print_result
 from twinlens.cli.places import PATH, PNG_FILE, PlaceType, check_creatable
@@ -14,7 +15,7 @@ from twinlens.cli.progress import progress_bar
 from twinlens.dataset import read_image, write_pfm, write_png
 from twinlens.dataset.pictures import colourise, disparity_limits
 from twinlens.errors import InputError
-from twinlens.matching import Program, parse_method
+from twinlens.matching import Answer, Program, parse_method
 from twinlens.matching.contract import (
     DEFAULT_DISPARITIES,
     BaseMatcher,
@@ -94,11 +95,7 @@ def command(
         answer = matcher.match_with_confidence(*images)
     seconds = time.perf_counter() - start
     if confidence is not None:
-        if answer.confidence is None:
-            raise InputError(
-                f"--confidence: {name} computes none; use a method such as zncc:confidence=ambiguity"
-            )
-        write_pfm(confidence, answer.confidence)
+        write_pfm(confidence, _confidence(answer, name))
     disparity = answer.disparity
     write_pfm(output, disparity)
     if picture is not None:
@@ -112,6 +109,15 @@ def command(
     }
     text = f"{output}: {name}, {matched:.1%} of the pixels matched, {seconds:.2f} s including compilation"
     print_result(as_json, record, text)
+
+
+def _confidence(answer: Answer, name: str) -> NDArray[np.float32]:
+    """The confidence of an answer. Raises InputError if its method computes none."""
+    if answer.confidence is None:
+        raise InputError(
+            f"--confidence: {name} computes none; use a method such as zncc:confidence=ambiguity"
+        )
+    return answer.confidence
 
 
 def _check_outputs(images: tuple[Path, ...], outputs: dict[str, Path | None]) -> None:

@@ -1,6 +1,7 @@
 """`twinlens reconstruct`: points and a surface from a sample's views, compared with its truth."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -83,18 +84,19 @@ def command(
     }
     write_folder(output, result.files(record), overwrite)
     sizes = (
-        counted(record["points"], "point"),
-        counted(record["faces"], "triangle"),
+        f"{counted(record['points'], 'point')}, {counted(record['faces'], 'triangle')}"
     )
-    maps = counted(record["views"], "depth map")
-    lines = [f"{output}: {', '.join(sizes)} from {maps}"]
+    lines = [f"{output}: {sizes} from {counted(record['views'], 'depth map')}"]
     for name, scores in record["against_truth"].items():
-        means = f"accuracy {scores['accuracy_mean_mm']:.3g} mm, completeness {scores['completeness_mean_mm']:.3g} mm"
-        shares = ", ".join(
-            f"{share['f_score']:.1%} at {share['tolerance_mm']:g} mm"
-            for share in scores["shares"]
-        )
-        lines.append(
-            f"{name}: {means} (means up to {scores['max_distance_mm']:g} mm), F {shares}"
-        )
+        lines.append(f"{name}: {_score_text(scores)}")
     print_result(as_json, record, *lines)
+
+
+def _score_text(scores: Mapping[str, Any]) -> str:
+    """The comparison of points or a surface with the truth, on one line."""
+    means = f"accuracy {scores['accuracy_mean_mm']:.3g} mm, completeness {scores['completeness_mean_mm']:.3g} mm"
+    shares = ", ".join(
+        f"{share['f_score']:.1%} at {share['tolerance_mm']:g} mm"
+        for share in scores["shares"]
+    )
+    return f"{means} (means up to {scores['max_distance_mm']:g} mm), F {shares}"

@@ -1,6 +1,7 @@
 """`twinlens render`: render scenes as samples of a dataset."""
 
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import click
 from click.core import ParameterSource
@@ -16,7 +17,7 @@ from twinlens.cli.options import (
 )
 from twinlens.cli.places import PATH, PLACE, check_samples
 from twinlens.cli.progress import interrupt_note, progress_bar
-from twinlens.dataset import Place, Row
+from twinlens.dataset import Place, Row, Sample
 from twinlens.errors import InputError, counted, located
 from twinlens.factory import (
     Shoot,
@@ -176,48 +177,56 @@ def command(
     exposure = camera_text.parse_exposure(options["exposure"])
     shoot = Shoot(**{**plain, "sensor": sensor, "exposure": exposure})
     jobs = [_job(load_scene(name), sensor, options) for name in scenes]
-    check_samples(output, [scene.name for scene, *_ in jobs], overwrite)
+    check_samples(output, [job.scene.name for job in jobs], overwrite)
     made: list[_Made] = []
     with interrupt_note(lambda: "finished samples are kept" if made else ""):
-        for scene, rig, lenses, rig_sensor in jobs:
-            with progress_bar(f"rendering {scene.name}") as report:
-                sample = make_sample(
-                    scene,
-                    rig_sensor.misalign(rig),
-                    [lens for _, lens in lenses],
-                    shoot.replace(sensor=rig_sensor),
-                    labels=[text for text, _ in lenses],
-                    progress=lambda part, report=report: report(part, ""),  # type: ignore[misc]
-                )
-            warn_of_doubts(sample, rig_sensor, scene.name, scene)
-            row = add_sample(output, scene.name, sample, options["seed"], overwrite)
+        for job in jobs:
+            sample = _rendered(job, shoot)
+            row = add_sample(output, job.scene.name, sample, options["seed"], overwrite)
+            texts = [text for text, _ in job.lenses]
             exposures = [
                 shot_text.format_exposure(sample, k, text)
-                for k, (text, _) in enumerate(lenses)
+                for k, text in enumerate(texts)
             ]
-            effects = [shot_text.optics_of(sample, k) for k in range(len(lenses))]
+            effects = [shot_text.optics_of(sample, k) for k in range(len(texts))]
             made.append((row, exposures, effects))
     _print(output, made, as_json)
-    hints = {} if as_json else {rectify_hint(rig, output): 0 for _, rig, *_ in jobs}
-    for hint in filter(None, hints):
-        click.echo(hint, err=True)
+    if not as_json:
+        hints = dict.fromkeys(rectify_hint(job.rig, output) for job in jobs)
+        for hint in filter(None, hints):
+            click.echo(hint, err=True)
 
 
-def _job(
-    scene: Scene, sensor: Sensor, options: dict[str, Any]
-) -> tuple[Scene, Rig, list[tuple[str, RecipeLens]], Sensor]:
-    """The scene, the rig, the lenses that the options describe, with their texts, and the sensor with its mismatch."""
+class _Job(NamedTuple):
+    """What the options describe for a scene: the rig, the lenses with their texts, and the sensor with its mismatch."""
+
+    scene: Scene
+    rig: Rig
+    lenses: list[tuple[str, RecipeLens]]
+    sensor: Sensor
+
+
+def _rendered(job: _Job, shoot: Shoot) -> Sample:
+    """The sample of a job, with a progress bar and warnings of what looks wrong in it."""
+    scene, sensor = job.scene, job.sensor
+    with progress_bar(f"rendering {scene.name}") as report:
+        sample = make_sample(
+            scene,
+            sensor.misalign(job.rig),
+            [lens for _, lens in job.lenses],
+            shoot.replace(sensor=sensor),
+            labels=[text for text, _ in job.lenses],
+            progress=lambda part: report(part, ""),
+        )
+    warn_of_doubts(sample, sensor, scene.name, scene)
+    return sample
+
+
+def _job(scene: Scene, sensor: Sensor, options: dict[str, Any]) -> _Job:
+    """The job of a scene. Raises InputError for options that do not fit it or each other."""
     width, height = camera_text.parse_size(options["size"], options["camera"])
     if options["sky"] is not None:
-        with located("--sky"):
-            if not options["sky"].exists():
-                raise InputError(f"no file or folder {str(options['sky'])!r}")
-            scene = under_sky(
-                scene,
-                {"file": options["sky"].name},
-                options["sky"].parent,
-                options["seed"],
-            )
+        scene = _under_sky(scene, options["sky"], options["seed"])
     tables: list[Any] = []
     if options["rig"]:
         stated = (width, height) if options["size"] else None
@@ -233,18 +242,31 @@ def _job(
         check_common_view(rig, scene)
     lenses = _lenses(View(scene, rig.cameras[0], ()), tables, options)
     if all(lens.aperture_diameter == 0 for _, lens in lenses):
-        if _is_given("aperture"):
-            raise InputError(f"--aperture {options['aperture']}: {_NO_APERTURE}")
-        for name in ("diffraction", "dual_pixel"):
-            if options[name]:
-                raise InputError(f"--{name.replace('_', '-')}: {_NO_APERTURE}")
+        _refuse_aperture_options(options)
     if options["mismatch"] is not None:
         layout = (scene.rig or {}).get("layout", "")
         mismatch = camera_text.parse_mismatch(
             options["mismatch"], options["seed"], len(rig), layout
         )
         sensor = sensor.replace(mismatch=mismatch)
-    return scene, rig, lenses, sensor
+    return _Job(scene, rig, lenses, sensor)
+
+
+def _under_sky(scene: Scene, file: Path, seed: int) -> Scene:
+    """The scene under the panorama of --sky."""
+    with located("--sky"):
+        if not file.exists():
+            raise InputError(f"no file or folder {str(file)!r}")
+        return under_sky(scene, {"file": file.name}, file.parent, seed)
+
+
+def _refuse_aperture_options(options: dict[str, Any]) -> None:
+    """Raise InputError for options that have no effect where all lenses are pinholes."""
+    if _is_given("aperture"):
+        raise InputError(f"--aperture {options['aperture']}: {_NO_APERTURE}")
+    for name in ("diffraction", "dual_pixel"):
+        if options[name]:
+            raise InputError(f"--{name.replace('_', '-')}: {_NO_APERTURE}")
 
 
 def _check_size(rig: Rig, options: dict[str, Any]) -> None:

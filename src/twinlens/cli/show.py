@@ -1,6 +1,7 @@
 """`twinlens show`: pictures of a sample's geometry, of matching costs, and of confidences."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -37,6 +38,7 @@ from twinlens.scoring import (
     score_confidences,
     with_search,
 )
+from twinlens.scoring.reasons import Reason
 
 COST_METHODS = "sad,zncc,census,sgm"
 
@@ -191,11 +193,7 @@ def costs(
         write_file(output, cost_picture((pair.im0, pair.im1), curves, truth, kind))
     record = {
         "picture": None if output is None else str(output), "at": [u, v], "truth": truth,
-        "curves": {
-            name: {field: getattr(curve, field) for field in ("disparity", "winner", "rival", "disparities", "costs")}
-            | {"reason": reasons[name]._asdict()}
-            for name, curve in curves.items()
-        },
+        "curves": {name: _curve_record(curve, reasons[name]) for name, curve in curves.items()},
     }  # fmt: skip
     truth_text = "truth unknown"
     if pair.disp0 is None:
@@ -208,6 +206,18 @@ def costs(
         for name, curve in curves.items()
     ]
     print_result(as_json, record, *lines)
+
+
+def _curve_record(curve: CostCurve, reason: Reason) -> dict[str, Any]:
+    """The keys of a curve in the JSON."""
+    return {
+        "disparity": curve.disparity,
+        "winner": curve.winner,
+        "rival": curve.rival,
+        "disparities": curve.disparities,
+        "costs": curve.costs,
+        "reason": reason._asdict(),
+    }
 
 
 def _describe(curve: CostCurve, truth: float) -> str:
@@ -268,11 +278,8 @@ def confidence(
     with progress_bar("matching"), located(f"--method {spec.name}"):
         scored = score_confidences(pair, spec.matcher(**pair.search))
     if output is not None:
-        kind = output.suffix.lower()[1:]
-        write_file(
-            output,
-            confidence_picture(pair.im0, scored, f"{spec.name} on {pair.name}", kind),
-        )
+        kind, title = output.suffix.lower()[1:], f"{spec.name} on {pair.name}"
+        write_file(output, confidence_picture(pair.im0, scored, title, kind))
     if pair.disp0 is None:
         _print_unscored(output, spec.name, scored, as_json)
         return
@@ -281,21 +288,19 @@ def confidence(
     rate = first.sparsification[-1]
     pixels = first.estimated
     smallest = first["auc2.0_opt"]
+    measures = {
+        measure: {"auc2.0": scores["auc2.0"], "sparsification": scores.sparsification}
+        for measure, scores in scored.scores.items()
+    }
     record = {
         "picture": None if output is None else str(output), "method": spec.name, "pixels": pixels,
-        "bad2.0": rate, "auc2.0_opt": smallest,
-        "measures": {
-            name: {"auc2.0": scores["auc2.0"], "sparsification": scores.sparsification}
-            for name, scores in scored.scores.items()
-        },
+        "bad2.0": rate, "auc2.0_opt": smallest, "measures": measures,
     }  # fmt: skip
     lines = [
         f"{output}: {spec.name}, {rate:.2f} % of {pixels} estimates are off by more than 2 px"
     ]
-    lines += [
-        f"{name:12} auc2.0 {scores['auc2.0']:.2f} %"
-        for name, scores in scored.scores.items()
-    ]
+    for measure, values in measures.items():
+        lines.append(f"{measure:12} auc2.0 {values['auc2.0']:.2f} %")
     print_result(as_json, record, *lines, f"{'smallest':12} auc2.0 {smallest:.2f} %")
 
 

@@ -52,7 +52,9 @@ def command(
     """
     if like is not None:
         _check_like(datasets)
-    sets = [open_pairs(datasets)] + ([open_pairs([like])] if like else [])
+    sets = [open_pairs(datasets)]
+    if like:
+        sets.append(open_pairs([like]))
     recipe: dict[str, Any] = {}
     notes: Sequence[str] = ()
     with progress_bar("measuring") as report:

@@ -227,7 +227,7 @@ class _Overview:
 def finish(ledger: Ledger) -> None:
     """Write the final dataset.json, preview, card and metadata; remove the files that only unfinished datasets need.
 
-    Of a dataset all of whose samples failed, nothing stays: the same command makes it anew once the recipe is changed.
+    If all samples failed, nothing stays, so that the same command works again once the recipe is changed.
     """
     if not ledger.rows:
         ledger.remove()

@@ -664,7 +664,7 @@ class _Stage:
 
 
 def _solid(body: SceneObject) -> tuple[bytes, Float, NDArray[np.uint32]]:
-    """What tells the shape of an object from others, its vertices (N, 3) at its own pose, and its triangles (F, 3).
+    """A key that identifies the shape of an object, its vertices (N, 3) at its own pose, and its triangles (F, 3).
 
     Raises InputError for other shapes than meshes and cubes.
     """

@@ -236,7 +236,11 @@ def _f_numbers(task: RigTask, limits: Limits) -> dict[str, float]:
 
 
 def _products(task: RigTask, limits: Limits) -> dict[str, float]:
-    """The largest fx B that each limit allows."""
+    """The largest fx B that each limit allows.
+
+    The disparity at depth z is fx B / z. From far to near it changes by fx B (1/near - 1/far), which is searched; at
+    the near end it is the width that the two images do not share.
+    """
     near, far = task.depth_range
     searched = limits["disparities"] - EXTRA_DISPARITIES
     return {
@@ -246,7 +250,7 @@ def _products(task: RigTask, limits: Limits) -> dict[str, float]:
 
 
 def _needed_product(task: RigTask, limits: Limits) -> float:
-    """The smallest fx B that meets the tolerated depth error."""
+    """The smallest fx B that meets the tolerated depth error, z^2 e / (fx B) for an error of disparity e."""
     if "depth error" not in limits:
         return 0.0
     far = task.depth_range[1]
@@ -265,7 +269,7 @@ def _best(task: RigTask, region: _Region) -> RigChoice:
         needed = min(most, longest * region.baseline[1])
     baseline = max(region.baseline[0], needed / longest)
     fx = min(longest, most / baseline)
-    # c^2 + (lambda N / p)^2 with c = fx^2 p defocus / N is smallest at this f-number.
+    # c^2 + (lambda N / p)^2 with c = K / N, K = fx^2 p defocus, has the derivative 0 at N^2 = K p / lambda.
     sharpest = fx * task.pitch * math.sqrt(task.defocus / task.wavelength)
     least_f_number = max(region.f_number[0], region.spread * fx**2)
     f_number = min(max(sharpest, least_f_number), region.f_number[1])

@@ -131,11 +131,10 @@ def _npz(arrays: Mapping[str, Any]) -> bytes:
 
 def _coded_projector(rig: Rig, asked: int | None) -> int:
     """The number of the projector to decode."""
-    coded = [
-        number
-        for number, projector in enumerate(rig.projectors)
-        if any(not isinstance(code, Still) for code in projector.sequence)
-    ]
+    coded = []
+    for number, projector in enumerate(rig.projectors):
+        if any(not isinstance(code, Still) for code in projector.sequence):
+            coded.append(number)
     remedy = 'give a projector sequence = [{ type = "gray_code" }] (docs/projectors.md)'
     if not coded:
         what = "no projector" if not rig.projectors else "no sequence of coded patterns"

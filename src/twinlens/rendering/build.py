@@ -118,7 +118,7 @@ def build(scene: Scene, frame: SceneFrame = WORLD) -> BuiltScene:
 
 def build_moved(scene: Scene, before: Scene, frame: SceneFrame = WORLD) -> BuiltScene:
     """The built scene of `before`, whose objects take the poses that they have in `scene`, where these are all that
-    differs. Nothing is loaded again. What was built in any frame then belongs to `scene`; `before` would be built anew.
+    differs. Nothing is loaded again. What was built in any frame then belongs to `scene`; `before` would be built again.
 
     Raises InputError where the scenes differ in more than poses, and for Mitsuba files.
     """
@@ -169,7 +169,7 @@ def _move(built: BuiltScene, scene: Scene) -> None:
             parameters[name] = value
         parameters.update()
         built.bodies[row] = replace(body, world_from_model=pose)
-    # The first call bounds the scene anew, the second gives the new bounds to the sky.
+    # The first call computes the bounds of the scene again, the second gives them to the sky.
     for _ in range(2):
         built.mi_scene.parameters_changed()
     built.cache.clear()

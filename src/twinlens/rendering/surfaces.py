@@ -94,7 +94,10 @@ def _normal_in_world(normal: Float, local_from_world: Float) -> Float:
 def _on_triangles(
     mesh: Triangles, origin: Float, direction: Float, prim: NDArray[np.uint32]
 ) -> Exact:
-    """The planes of the triangles `prim` (N,), and normals by barycentric coordinates. Normals are not unit."""
+    """The planes of the triangles `prim` (N,), and normals by barycentric coordinates. Normals are not unit.
+
+    The ray o + t d meets the plane through a with the normal n where (o + t d - a) . n = 0.
+    """
     corners = mesh.vertices[mesh.faces[prim]]
     a = corners[:, 0]
     ab = corners[:, 1] - a

@@ -71,7 +71,7 @@ class StablePose:
 
     @property
     def points(self) -> Float:
-        """The rotated hull points (N, 3), the lowest one at z = 0; computed anew, as they are many."""
+        """The rotated hull points (N, 3), the lowest one at z = 0; not kept, as they are many."""
         return np.asarray(self.body.points @ self.turn.T + self._lift)
 
     @cached_property

@@ -182,9 +182,10 @@ SceneValues = Mapping[str, Sequence[float]]
 def difference(values: SceneValues, reference: SceneValues) -> Difference:
     """The mean of the values minus that of the reference's.
 
-    Where at least two scenes, and at least half of those of the side that has fewer, are on both sides, or where both
-    have the same scenes, it is the mean over these scenes of the difference within the scene, and they are resampled.
-    Otherwise the scenes of either side are resampled. Where there are fewer than two scenes, the interval is NaN.
+    It is paired if both sides have the same scenes, or share at least two, which are at least half of those of the side
+    with fewer. A paired difference is the mean over the shared scenes of the difference within each, and the interval
+    resamples these scenes. Otherwise the interval resamples the scenes of both sides. With fewer than two scenes it is
+    NaN.
     """
     shared = [scene for scene in values if scene in reference]
     count = len({*values, *reference})

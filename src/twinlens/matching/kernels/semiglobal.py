@@ -134,8 +134,8 @@ def sweep_row(volumes, paths, totals, span, penalties, directions, y, r):
                 )
                 new3, detours = min(new3, least), detours + detour
             if finish:
-                other = load(kept, at + chunk)
-                total = sum_of_paths(detours, other, cost, path_count, sums)
+                of_other_sweep = load(kept, at + chunk)
+                total = sum_of_paths(detours, of_other_sweep, cost, path_count, sums)
                 store(sums, u * depth + chunk, max(total, load(fence, chunk)))
             else:
                 store(kept, at + chunk, detours)
