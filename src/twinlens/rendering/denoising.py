@@ -41,7 +41,7 @@ from twinlens.rendering.guides import Guides
 GUIDE_SAMPLES = 32
 """Samples per pixel of the guides, besides those of the image."""
 
-LEAST_ALBEDO = 0.1
+LEAST_ALBEDO = 0.05
 """Darker surfaces are filtered as if they had this albedo."""
 
 _WINDOW = (5, 5, 1)
