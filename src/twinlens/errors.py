@@ -115,10 +115,8 @@ def nearest(name: str, choices: Iterable[str]) -> str | None:
     >>> nearest("ZNC", ["sad", "zncc"]), nearest("diameter", ["aperture_diameter"]), nearest("nikon", ["phone"])
     ('zncc', 'aperture_diameter', None)
     """
-    typed, names = (
-        _normalized(name),
-        {_normalized(choice): choice for choice in choices},
-    )
+    typed = _normalized(name)
+    names = {_normalized(choice): choice for choice in choices}
     long_enough = len(typed) >= _SHORTEST_PART
     parts = [
         choice
@@ -240,10 +238,8 @@ def counted(number: int, noun: str, plural: str = "") -> str:
 def as_float(value: Any) -> float:
     """`value` as a float; NaN for what is not a real number or is too large."""
     try:
-        return (
-            float(value)
-            if isinstance(value, Real) and not isinstance(value, bool)
-            else math.nan
-        )
+        if isinstance(value, Real) and not isinstance(value, bool):
+            return float(value)
+        return math.nan
     except OverflowError:
         return math.nan

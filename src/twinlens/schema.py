@@ -384,10 +384,8 @@ def _message(error: Any) -> str:
     if kind == "value_error":
         return str(limits["error"])
     if kind in ("literal_error", "union_tag_invalid"):
-        value, expected = (
-            limits.get("tag", error["input"]),
-            limits.get("expected_tags", limits.get("expected")),
-        )
+        value = limits.get("tag", error["input"])
+        expected = limits.get("expected_tags", limits.get("expected"))
         choices = [
             part.strip().strip("'")
             for part in expected.replace(" or ", ", ").split(",")

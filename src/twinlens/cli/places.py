@@ -61,10 +61,8 @@ class PlaceType(click.ParamType):  # type: ignore[type-arg]
 
 _EXISTS = "exists already; choose another name, or add --overwrite"
 PATH, PLACE = PlaceType(), PlaceType(remote=True)
-PNG_FILE, FIGURE_FILE = (
-    PlaceType(suffixes=(".png",)),
-    PlaceType(suffixes=(".png", ".svg")),
-)
+PNG_FILE = PlaceType(suffixes=(".png",))
+FIGURE_FILE = PlaceType(suffixes=(".png", ".svg"))
 HTML_FILE = PlaceType(suffixes=(".html", ".htm"))
 
 

@@ -42,6 +42,20 @@ from twinlens.scoring.reasons import Reason
 
 COST_METHODS = "sad,zncc,census,sgm"
 
+_figure_option = click.option(
+    "-o",
+    "--output",
+    type=FIGURE_FILE,
+    help="The figure, a PNG or SVG file.  [required without --json]",
+)
+_lens_option = click.option(
+    "--lens",
+    type=Whole(0),
+    default=0,
+    show_default=True,
+    help="The sample's lens, counted from 0.",
+)
+
 
 @click.group("show")
 def command() -> None:
@@ -139,24 +153,13 @@ def _check_calibrated(stored: StoredSample) -> None:
     metavar="U,V",
     help="The left image's pixel: column and row, from 0.",
 )
-@click.option(
-    "-o",
-    "--output",
-    type=FIGURE_FILE,
-    help="The figure, a PNG or SVG file.  [required without --json]",
-)
+@_figure_option
 @click.option(
     "--methods",
     multiple=True,
     help=f"Comma-separated methods of twinlens. Repeatable.  [default: {COST_METHODS}]",
 )
-@click.option(
-    "--lens",
-    type=Whole(0),
-    default=0,
-    show_default=True,
-    help="The sample's lens, counted from 0.",
-)
+@_lens_option
 @search_options
 @json_option("the curves")
 def costs(
@@ -236,22 +239,11 @@ def _describe(curve: CostCurve, truth: float) -> str:
 
 @command.command("confidence")
 @click.argument("sample", metavar="DATASET/SAMPLE")
-@click.option(
-    "-o",
-    "--output",
-    type=FIGURE_FILE,
-    help="The figure, a PNG or SVG file.  [required without --json]",
-)
+@_figure_option
 @click.option(
     "--method", default="zncc", show_default=True, help="A method of twinlens."
 )
-@click.option(
-    "--lens",
-    type=Whole(0),
-    default=0,
-    show_default=True,
-    help="The sample's lens, counted from 0.",
-)
+@_lens_option
 @search_options
 @json_option("the areas and the curves")
 def confidence(

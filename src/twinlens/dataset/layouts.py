@@ -132,11 +132,9 @@ class Source:
 
     def record(self) -> bytes:
         """The sample's sample.json, empty if it has none."""
-        return (
-            read_bytes(self.sample.folder / "sample.json")
-            if self.sample.has("sample.json")
-            else b""
-        )
+        if self.sample.has("sample.json"):
+            return read_bytes(self.sample.folder / "sample.json")
+        return b""
 
     def files(
         self,

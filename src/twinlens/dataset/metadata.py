@@ -216,10 +216,8 @@ def _manifest_records(
     data: bytes, manifest: Manifest
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """The FileObject of dataset.json, and the RecordSet of its samples."""
-    text, digest = (
-        "The samples, and the SHA-256 of each of their files.",
-        hashlib.sha256(data).hexdigest(),
-    )
+    text = "The samples, and the SHA-256 of each of their files."
+    digest = hashlib.sha256(data).hexdigest()
     file = _node(
         "FileObject",
         MANIFEST,

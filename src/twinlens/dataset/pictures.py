@@ -72,10 +72,8 @@ def disparity_limits(disparity: ArrayLike, matcher: object) -> tuple[float, floa
     low, high = (
         (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     )
-    first, count = (
-        getattr(matcher, "min_disparity", None),
-        getattr(matcher, "num_disparities", None),
-    )
+    first = getattr(matcher, "min_disparity", None)
+    count = getattr(matcher, "num_disparities", None)
     if first is not None and count is not None and count > 1:
         low, high = float(first), float(first + count - 1)
     return low, max(high, low + 1.0)

@@ -482,11 +482,9 @@ class StoredShot:
         disparity: Disparity = self._read(DP_DISPARITY, i)["dp_disp"]
         return disparity
 
-    dp_left0, dp_right0, dp_disp0 = (
-        _view(dp_left, 0),
-        _view(dp_right, 0),
-        _view(dp_disparity, 0),
-    )
+    dp_left0 = _view(dp_left, 0)
+    dp_right0 = _view(dp_right, 0)
+    dp_disp0 = _view(dp_disparity, 0)
 
     def radiance(self, i: int) -> NDArray[np.float32]:
         """Linear image of view i, float32 (H, W, 3), if it was stored."""

@@ -253,9 +253,9 @@ def _known_range(view: View) -> tuple[float, float]:
     if view.scene.depth_range_known:
         return view.scene.depth_range
     depth = view.truths[0].depth[view.truths[0].hit]
-    return (
-        (float(depth.min()), float(depth.max())) if depth.size else (math.inf, math.inf)
-    )
+    if depth.size:
+        return (float(depth.min()), float(depth.max()))
+    return (math.inf, math.inf)
 
 
 def _object(view: View) -> float:

@@ -548,10 +548,8 @@ class _Stage:
             [face.triangles.reshape(-1, 2) for face, _ in self.level(carrier)]
         )
         low, high = points.min(axis=0), points.max(axis=0)
-        wide, free = (
-            float(np.ptp(rest.footprint, axis=0).max()),
-            float((high - low).max()),
-        )
+        wide = float(np.ptp(rest.footprint, axis=0).max())
+        free = float((high - low).max())
         problem = f"{name!r}, {wide:.3g} m wide, on {carrier!r}, {free:.3g} m, in {_TRIES} tries"
         remedy = f"the 'count', 'within' or 'in_view' of objects on {carrier!r}"
         if wide > free:
@@ -564,10 +562,8 @@ class _Stage:
                     f"{axis} {a:.3g} to {b:.3g}"
                     for axis, a, b in zip("xy", low, high, strict=True)
                 )
-                problem, remedy = (
-                    f"'within' is off {carrier!r}, which spans {spans} m",
-                    f"the 'within' of {name!r}",
-                )
+                problem = f"'within' is off {carrier!r}, which spans {spans} m"
+                remedy = f"the 'within' of {name!r}"
         return Rejected("no free place", problem, remedy)
 
     def level(self, carrier: str) -> list[tuple[LevelFace, Placed | None]]:
@@ -714,10 +710,8 @@ def _inside(triangles: Float, point: Float) -> bool:
     """Whether rays from a point (3,) in two opposite directions both cross the triangles (F, 3, 3) an odd number of
     times: true inside a closed surface, and not next to an open one.
     """
-    vertices, faces = (
-        triangles.reshape(-1, 3),
-        np.arange(3 * len(triangles), dtype=np.uint32).reshape(-1, 3),
-    )
+    vertices = triangles.reshape(-1, 3)
+    faces = np.arange(3 * len(triangles), dtype=np.uint32).reshape(-1, 3)
     return all(
         crossings(sign * vertices, faces, sign * point) % 2 == 1 for sign in (1, -1)
     )

@@ -323,11 +323,11 @@ def only_one_camera(count: int, layout: str | None) -> str:
         return (
             f"the views of a light field are of one camera and do not differ; {remedy}"
         )
-    return (
-        f"the rig has one camera, and only those after the first differ; {remedy}"
-        if count == 1
-        else ""
-    )
+    if count == 1:
+        return (
+            f"the rig has one camera, and only those after the first differ; {remedy}"
+        )
+    return ""
 
 
 def mismatches_for(table: Any, cameras: int, seed: int) -> Any:

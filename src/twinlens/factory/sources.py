@@ -59,12 +59,12 @@ class Sources:
         """Every file by its name relative to the recipe, sorted. Raises InputError for unreadable scenes."""
         files = {Path(name).as_posix(): self.folder / name for name in self.named}
         for name in self.scenes:
-            home, shown = (
+            home = (
                 bundled_folder() / name
                 if name in bundled_scenes()
-                else self.folder / name,
-                Path(name),
+                else self.folder / name
             )
+            shown = Path(name)
             if not home.is_dir():
                 home, shown = home.parent, shown.parent
             below = _names_below(home, self.scene(name).files)

@@ -111,10 +111,8 @@ LEARNED = replace(
     DESCRIPTOR,
     description="descriptors of a trained network smoothed by a guided filter (extra onnx)",
 )
-LEARNED_NAME, LEARNED_FILE = (
-    "learned",
-    Path(__file__).parent / "weights" / "learned.onnx",
-)
+LEARNED_NAME = "learned"
+LEARNED_FILE = Path(__file__).parent / "weights" / "learned.onnx"
 
 
 def descriptor_model(name: str) -> str | None:

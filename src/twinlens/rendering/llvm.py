@@ -176,10 +176,10 @@ def _stamp(library: Path | None) -> str:
         driver = Path("/proc/driver/nvidia/version").read_text().partition("\n")[0]
     except OSError:
         driver = ""
+    if library:
+        return ""
     return (
-        ""
-        if library
-        else f"{driver}|{os.environ.get('CUDA_VISIBLE_DEVICES', '')}|{os.uname().nodename}"
+        f"{driver}|{os.environ.get('CUDA_VISIBLE_DEVICES', '')}|{os.uname().nodename}"
     )
 
 

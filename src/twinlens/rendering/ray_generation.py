@@ -218,6 +218,6 @@ def pixel_means(
         ]
         return np.stack(sums, axis=-1).reshape(camera.height, camera.width, -1) / count
 
-    return (
-        means(1.0) if shares is None else np.stack([means(share) for share in shares])
-    )
+    if shares is None:
+        return means(1.0)
+    return np.stack([means(share) for share in shares])

@@ -294,11 +294,9 @@ def _sky(sky: Sky) -> Sky | None:
 
 def _panorama(plugin: Plugin) -> NDArray[np.float32]:
     """The pixels of an environment map."""
-    return (
-        plugin["bitmap"].pixels
-        if "bitmap" in plugin
-        else read_picture(Path(plugin["filename"]))
-    )
+    if "bitmap" in plugin:
+        return np.asarray(plugin["bitmap"].pixels)
+    return read_picture(Path(plugin["filename"]))
 
 
 def _mean_share(pixels: NDArray[np.float32]) -> float:

@@ -682,11 +682,9 @@ def with_values(table: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str
             replaced.add("baseline")
 
     def kept(part: Any) -> Any:
-        return (
-            {key: part[key] for key in part if key not in replaced}
-            if isinstance(part, Mapping)
-            else part
-        )
+        if isinstance(part, Mapping):
+            return {key: part[key] for key in part if key not in replaced}
+        return part
 
     rest: dict[str, Any] = kept(table)
     if isinstance(rest.get("cameras"), list):

@@ -213,11 +213,9 @@ def load_scene(name_or_path: str | Path) -> Scene:
         if not path.is_file():
             raise FileError(f"{path}: no such scene file")
         name = path.resolve().parent.name if path.name == _SCENE_FILE else path.stem
-        return (
-            read_scene_xml(path)
-            if path.suffix == ".xml"
-            else read_scene_toml(path, name)
-        )
+        if path.suffix == ".xml":
+            return read_scene_xml(path)
+        return read_scene_toml(path, name)
     if path.is_file():
         raise InputError(
             f"{path}: a scene is a .toml or a Mitsuba .xml file, got {path.suffix!r}"

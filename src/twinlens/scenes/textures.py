@@ -123,11 +123,9 @@ def stripes(
 
     def pattern(u: Float, v: Float) -> Float:
         phase = (u if along == "u" else v) * count % 1.0
-        return (
-            0.5 - 0.5 * np.cos(2 * np.pi * phase)
-            if profile == "sine"
-            else (phase < duty).astype(np.float64)
-        )
+        if profile == "sine":
+            return 0.5 - 0.5 * np.cos(2 * np.pi * phase)
+        return (phase < duty).astype(np.float64)
 
     return _averaged(width, height, pattern)
 

@@ -69,11 +69,9 @@ def decode_pfm(data: bytes, name: str = "PFM data") -> NDArray[np.float32]:
         raise FileError(
             f"{name}: not a PFM (a line Pf or PF, a line 'width height', a line with the scale)"
         )
-    width, height, channels = (
-        int(header[2]),
-        int(header[3]),
-        3 if header[1] == b"PF" else 1,
-    )
+    width = int(header[2])
+    height = int(header[3])
+    channels = 3 if header[1] == b"PF" else 1
     size = 4 * width * height * channels
     start, scale = len(data) - size, 0.0
     if size < 1 or not _LINE_END.fullmatch(

@@ -148,11 +148,11 @@ def convert(_typing: Any, value: Any, array: Any) -> Any:
     result, instruction = Lanes(array.dtype), _conversion(value.dtype, array.dtype)
 
     def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        return (
-            getattr(builder, instruction)(args[0], context.get_value_type(result))
-            if instruction
-            else args[0]
-        )
+        if instruction:
+            return getattr(builder, instruction)(
+                args[0], context.get_value_type(result)
+            )
+        return args[0]
 
     return result(value, array), generate
 
