@@ -52,6 +52,7 @@ def mask_from_one(disparity: Disparity, left: bool = True) -> Mask:
     """
     matches, target, inside = _matches(disparity, disparity, left)
     winners = np.full(disparity.shape, -np.inf, np.float32)
+    # A z-buffer: of the pixels that land on a column, the one with the largest disparity is nearest.
     for columns in (np.floor(matches), np.ceil(matches)):
         covered = (columns >= 0) & (columns < disparity.shape[1])
         rows = np.nonzero(covered)[0]

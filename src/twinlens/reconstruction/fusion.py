@@ -222,7 +222,11 @@ def _pixel_weights(view: DepthView) -> Float:
 def _add_view(
     view: DepthView, pixel_weights: Float, centres: Float, volume: Volume, i: int
 ) -> None:
-    """Add one view to the cells of slab i, with centres (Y, Z, 3)."""
+    """Add one view to the cells of slab i, with centres (Y, Z, 3).
+
+    With the truncated distance d and the weight w of the view, D <- (W D + w d) / (W + w) and W <- W + w. Source:
+    Curless and Levoy, A volumetric method for building complex models from range images, SIGGRAPH 1996, section 3.
+    """
     cam = transform_points(inverse(view.world_from_cam), centres)
     pixels = view.camera.project(cam)
     inside = view.camera.contains(pixels)
@@ -261,9 +265,9 @@ def _depth_at(view: DepthView, pixels: Float, reach: float) -> Float:
     right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
     x, y = u - left, v - top  # of the pixel between its neighbours, 0 to 1
     depth = view.depth
-    corners = np.stack(
-        [depth[top, left], depth[top, right], depth[bottom, left], depth[bottom, right]]
-    )
+    above = depth[top, left], depth[top, right]
+    below = depth[bottom, left], depth[bottom, right]
+    corners = np.stack([*above, *below])
     shares = np.stack([(1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x])
     # The neighbour with the largest share is the nearest pixel.
     nearest = np.take_along_axis(corners, shares.argmax(axis=0)[None], axis=0)[0]

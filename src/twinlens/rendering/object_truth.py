@@ -97,7 +97,12 @@ def _source(
 
 
 def _split(affine: Float) -> tuple[Float, Float]:
-    """(rigid, scale), both (4, 4), whose product is `affine`; the scale of a mirror image mirrors."""
+    """(rigid, scale), both (4, 4), whose product is `affine`; the scale of a mirror image mirrors.
+
+    The polar decomposition A = R S of the linear part, with R orthogonal and S symmetric and positive. Where det R =
+    -1, (-R) (-S) has a rotation. S is rounded, so that copies of one size in other poses have the same model to the
+    bit.
+    """
     rotation, stretch = polar(affine[:3, :3])
     sign = np.sign(np.linalg.det(rotation))
     rigid, scale = np.eye(4), np.eye(4)

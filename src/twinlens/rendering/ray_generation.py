@@ -33,10 +33,8 @@ def drjit_functions() -> ArrayFunctions:
     def gather(table: Float, index: Any) -> Any:
         if id(table) not in tables:
             on_device = mi.Float(np.ascontiguousarray(table, dtype=np.float32))
-            tables[id(table)] = (
-                table,
-                on_device,
-            )  # the table is kept, so that its id stays its own
+            # The table is kept too: another one could get its id otherwise.
+            tables[id(table)] = table, on_device
         return dr.gather(mi.Float, tables[id(table)][1], mi.UInt32(index))
 
     return ArrayFunctions(
@@ -68,11 +66,9 @@ class CornerTable:
         steps = (0, 1, self._columns, self._columns + 1)
         corner = [dr.gather(self._type, self._values, index + step) for step in steps]
         right, below = across - column, down - row
-        return dr.lerp(
-            dr.lerp(corner[0], corner[1], right),
-            dr.lerp(corner[2], corner[3], right),
-            below,
-        )
+        upper = dr.lerp(corner[0], corner[1], right)
+        lower = dr.lerp(corner[2], corner[3], right)
+        return dr.lerp(upper, lower, below)
 
 
 class RayGenerator:

@@ -30,9 +30,11 @@ def world_triangles(scene_object: SceneObject) -> list[Float]:
         mesh = shapes.tessellated(
             {**mesh, "radius": _OUTSIDE * mesh.get("radius", 1.0)}
         )
-    poses = [
-        pose @ scene_object.world_from_object for pose in scene_object.instances
-    ] or [scene_object.world_from_object]
+    poses = [scene_object.world_from_object]
+    if scene_object.instances:
+        poses = [
+            pose @ scene_object.world_from_object for pose in scene_object.instances
+        ]
     return [transform_points(pose, mesh.vertices)[mesh.faces] for pose in poses]
 
 
@@ -62,13 +64,17 @@ def _cross(a: Float, b: Float) -> Float:
 
 
 def _segments_meet(segments: Float, polygon: Float) -> Float:
-    """Whether segments (E, 2, 2) enter a convex polygon. Source: Cyrus and Beck, Computer Graphics 7(4), 1978."""
+    """Whether segments (E, 2, 2) enter a convex polygon. Source: Cyrus and Beck, Computers and Graphics 3(1), 1978.
+
+    A segment is inside between the last edge's line that it crosses inwards and the first one that it crosses outwards.
+    """
     normals = edge_normals(polygon)
     offset = (polygon * normals).sum(axis=1)
     # Distances of both ends outside of each edge's line, and where along the segment it is crossed, 0 to 1.
     start, end = (segments[:, i] @ normals.T - offset for i in (0, 1))
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = start / (start - end)
+    # Outside to the end, it never enters; inside from the start, it has entered at 0.
     enters = np.where(end > 0, np.inf, crossing)
     enters = np.where(start > 0, enters, 0.0).max(axis=1)
     leaves = np.where(start > 0, -np.inf, crossing)
@@ -78,9 +84,9 @@ def _segments_meet(segments: Float, polygon: Float) -> Float:
 
 def level_faces(triangles: Float) -> list[LevelFace]:
     """The level faces of triangles (F, 3, 3) that face upwards, or downwards if none does; the largest one first."""
-    cross = np.cross(
-        triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    )
+    first_edges = triangles[:, 1] - triangles[:, 0]
+    second_edges = triangles[:, 2] - triangles[:, 0]
+    cross = np.cross(first_edges, second_edges)
     length = np.linalg.norm(cross, axis=1)
     level = (np.abs(cross[:, 2]) > (1 - _LEVEL) * length) & (length > 0)
     up = level & (cross[:, 2] > 0)

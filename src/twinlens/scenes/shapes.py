@@ -192,24 +192,22 @@ def tessellated(shape: Plugin) -> Mesh:
     if kind == "cube":
         made = box(np.full(3, 2.0))
     elif kind == "rectangle":
-        made = Mesh(
-            np.array([[-1.0, -1, 0], [1, -1, 0], [-1, 1, 0], [1, 1, 0]]), grid(2, 2)
-        )
+        corners = np.array([[-1.0, -1, 0], [1, -1, 0], [-1, 1, 0], [1, 1, 0]])
+        made = Mesh(corners, grid(2, 2))
     elif kind == "disk":
         made = lathe(np.array([[1.0, 0], [0, 0]]), 128, smooth=False)
     elif kind == "cylinder":
         made = lathe(np.array([[radius, 0], [radius, 1]]), 128, smooth=False)
         start = np.asarray(shape.get("p0", (0, 0, 0)), dtype=np.float64)
         along = shape.get("p1", (0, 0, 1)) - start
+        # Any direction at right angles to the axis: the second right singular vector spans its null space.
         across = np.linalg.svd(along[None])[2][1]
-        pose[:3] = np.column_stack(
-            [across, np.cross(along, across) / np.linalg.norm(along), along, start]
-        )
+        third = np.cross(along, across) / np.linalg.norm(along)
+        pose[:3] = np.column_stack([across, third, along, start])
     else:
         angle = np.linspace(-math.pi / 2, math.pi / 2, 65)
-        made = lathe(
-            radius * np.column_stack([np.cos(angle), np.sin(angle)]), 128, smooth=False
-        )
+        half_circle = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        made = lathe(half_circle, 128, smooth=False)
         pose[:3, 3] = shape.get("center", (0, 0, 0))
     return transformed(made, np.asarray(shape.get("to_world", np.eye(4))) @ pose)
 
@@ -268,6 +266,7 @@ def height_field(
     x = np.linspace(-0.5, 0.5, nx) * extents[0]
     y = np.linspace(-0.5, 0.5, ny) * extents[1]
     z = (amplitude * picked)[::-1].astype(np.float64)
+    # The surface z = f(x, y) has the normal (-df/dx, -df/dy, 1).
     slope_y, slope_x = np.gradient(z, y, x)
     normals = np.stack([-slope_x, -slope_y, np.ones_like(z)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -279,6 +278,8 @@ def height_field(
 def bent_sheet(extents: Float, angle_deg: float, segments: int = 64) -> Mesh:
     """A rectangle of `extents` = (x, y) metres bent about the y axis by `angle_deg` in total, of constant length."""
     angle = math.radians(angle_deg)
+    # An arc of the length extents[0] and the angle `angle`, by its arc length s from -1/2 to 1/2, with its top at the
+    # origin and its centre at (0, -radius).
     s = np.linspace(-0.5, 0.5, segments + 1)
     radius = extents[0] / angle
     x, z = radius * np.sin(s * angle), radius * (np.cos(s * angle) - 1)
@@ -392,11 +393,9 @@ def _tangents(curve: Float) -> Float:
     steps /= np.linalg.norm(steps, axis=1, keepdims=True)
     mean = np.concatenate([steps[:1], steps[1:] + steps[:-1], steps[-1:]])
     length = np.linalg.norm(mean, axis=1, keepdims=True)
-    return np.where(
-        length > 1e-9,
-        mean / np.maximum(length, 1e-9),
-        np.concatenate([steps[:1], steps]),
-    )
+    # Where the curve turns back, the two steps cancel: the step before is taken.
+    before = np.concatenate([steps[:1], steps])
+    return np.where(length > 1e-9, mean / np.maximum(length, 1e-9), before)
 
 
 def _catmull_rom(points: Float, samples: int, closed: bool = False) -> Float:
@@ -406,6 +405,8 @@ def _catmull_rom(points: Float, samples: int, closed: bool = False) -> Float:
         before, after = 2 * points[0] - points[1], 2 * points[-1] - points[-2]
     p = np.vstack([before, points, after])
     t = (np.arange(samples) / samples)[None, :, None]
+    # The cubic from b (t = 0) to c (t = 1) with the tangents (c - a) / 2 and (d - b) / 2 there, of four points in a
+    # row.
     a, b, c, d = (p[i : len(p) - 3 + i, None] for i in range(4))
     spans = 0.5 * (
         2 * b
