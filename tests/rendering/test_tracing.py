@@ -8,7 +8,7 @@ from twinlens import geometry
 from twinlens.errors import InputError
 from twinlens.rendering.build import build
 from twinlens.rendering.ground_truth import EXTRA_CHANNELS
-from twinlens.rendering.tracing import Rays, Stop, trace_surfaces
+from twinlens.rendering.tracing import Rays, Stop, intersect, trace_surfaces
 from twinlens.scenes import Scene, SceneObject
 
 MATERIALS = {
@@ -187,3 +187,22 @@ def test_a_ray_between_mirrors_ends_after_the_most_surfaces():
     layers = trace_surfaces(build(scene_of(front, back)), rays, Stop.ALL)
     distances = [layer.distance[0] for layer in layers]
     np.testing.assert_allclose(distances, 2 + 3 * np.arange(9), rtol=SINGLE)
+
+
+def test_one_kernel_traces_any_number_of_rays():
+    """Each sample has another number of rays that test visibility."""
+    built = build(panes())  # before Dr.Jit is imported, which loads LLVM
+    import drjit as dr
+
+    def kernels_of(count):
+        rays = Rays.from_point(np.zeros(3), np.tile([0.0, 0.1, 1.0], (count, 1)))
+        dr.kernel_history_clear()
+        intersect(built, rays)
+        kernels = dr.kernel_history([dr.KernelType.JIT])
+        assert kernels
+        return {kernel["hash"] for kernel in kernels}
+
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        first = kernels_of(1)
+        for count in (64, 65, 1000, 5000):
+            assert kernels_of(count) == first

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from twinlens.errors import BackendError, InputError
 from twinlens.geometry import Float
+from twinlens.rendering.arrays import aligned
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.frames import WORLD, SceneFrame, in_frame
 from twinlens.rendering.materials import (
@@ -438,7 +439,7 @@ def mitsuba_mesh(
     for name_, values in _mesh_buffers(mesh, world_from_object).items():
         buffers[name_] = values
     if mesh.uv is not None:
-        buffers["vertex_texcoords"] = _aligned(_flat32(mesh.uv))
+        buffers["vertex_texcoords"] = aligned(_flat32(mesh.uv))
     for key, values in mesh.attributes.items():
         made.add_attribute(key, values.shape[1], _flat32(values))
     buffers.update()
@@ -462,14 +463,6 @@ def _mesh_buffers(mesh: Mesh, world_from_object: Float) -> dict[str, NDArray[Any
 
 def _flat32(values: Float) -> NDArray[np.float32]:
     return np.ascontiguousarray(values, dtype=np.float32).ravel()
-
-
-def _aligned(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """A copy of `values` (N,) at a multiple of 64 bytes. Dr.Jit compiles other gathers for memory without alignment."""
-    memory = np.empty(len(values) + 16, dtype=np.float32)
-    start = -memory.ctypes.data % 64 // 4
-    memory[start : start + len(values)] = values
-    return memory[start : start + len(values)]
 
 
 def mitsuba_value(value: Any, textures: dict[int, Any] | None = None) -> Any:

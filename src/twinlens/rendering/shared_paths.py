@@ -30,6 +30,7 @@ from twinlens.camera.aperture import NUMPY, on_ring
 from twinlens.camera.lens import paraxial_ray
 from twinlens.geometry import Float
 from twinlens.rendering.annuli import ApertureAnnulus, Shares
+from twinlens.rendering.arrays import aligned
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.ray_generation import RayGenerator, opaque
@@ -201,7 +202,7 @@ class SharedPaths:
 
 
 def _int32(values: NDArray[np.int64]) -> Any:
-    return mi.Int32(values.astype(np.int32).ravel())
+    return mi.Int32(aligned(values.astype(np.int32).ravel()))
 
 
 def _finite_mean(values: Float) -> float:

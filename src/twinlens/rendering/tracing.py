@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.geometry import Float
+from twinlens.rendering.arrays import aligned
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.cut_outs import CUT, CutOuts, cut_outs
@@ -541,18 +542,15 @@ def _past_cut_out(
 
 
 def _mitsuba_ray(rays: Rays) -> Any:
-    """The rays in float32, padded to one of few counts: Dr.Jit compiles a kernel in 15 ms for each count."""
+    """The rays in float32, padded by copies of the last one to a multiple of 64."""
     mi, count = mitsuba(), len(rays)
-    step = 1 << max(count.bit_length() - 3, 6)
-    padded_count = -(-count // step) * step
-    columns = []
-    for values in (rays.origin, rays.direction):
-        padded = np.empty((3, padded_count), dtype=np.float32)
-        padded[:, :count] = values.T
-        padded[:, count:] = values[-1:].T
-        columns.append(padded)
-    origin, direction = columns
-    return mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
+    padded = np.minimum(np.arange(-(-count // 64) * 64), count - 1)
+    # Each coordinate has memory of its own, so that one kernel serves any number of rays.
+    origin, direction = (
+        [mi.Float(aligned(column[padded].astype(np.float32))) for column in values.T]
+        for values in (rays.origin, rays.direction)
+    )
+    return mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction))
 
 
 def _row_of_handle(built: BuiltScene) -> NDArray[np.int32]:
