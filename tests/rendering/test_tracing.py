@@ -8,6 +8,7 @@ from twinlens import geometry
 from twinlens.errors import InputError
 from twinlens.rendering.build import build
 from twinlens.rendering.ground_truth import EXTRA_CHANNELS
+from twinlens.rendering.surfaces import surfaces
 from twinlens.rendering.tracing import Rays, Stop, intersect, trace_surfaces
 from twinlens.scenes import Scene, SceneObject
 
@@ -189,20 +190,33 @@ def test_a_ray_between_mirrors_ends_after_the_most_surfaces():
     np.testing.assert_allclose(distances, 2 + 3 * np.arange(9), rtol=SINGLE)
 
 
-def test_one_kernel_traces_any_number_of_rays():
-    """Each sample has another number of rays that test visibility."""
-    built = build(panes())  # before Dr.Jit is imported, which loads LLVM
+def kernels_of(action):
+    """Digests of the kernels that an action runs. Build a scene before: twinlens must choose the LLVM of Dr.Jit."""
     import drjit as dr
 
-    def kernels_of(count):
-        rays = Rays.from_point(np.zeros(3), np.tile([0.0, 0.1, 1.0], (count, 1)))
-        dr.kernel_history_clear()
-        intersect(built, rays)
-        kernels = dr.kernel_history([dr.KernelType.JIT])
-        assert kernels
-        return {kernel["hash"] for kernel in kernels}
-
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        first = kernels_of(1)
-        for count in (64, 65, 1000, 5000):
-            assert kernels_of(count) == first
+        dr.kernel_history_clear()
+        action()
+        return {kernel["hash"] for kernel in dr.kernel_history([dr.KernelType.JIT])}
+
+
+def test_one_kernel_traces_any_number_of_rays():
+    """Each sample has another number of rays that test visibility."""
+    built = build(panes())
+
+    def trace(count):
+        rays = Rays.from_point(np.zeros(3), np.tile([0.0, 0.1, 1.0], (count, 1)))
+        intersect(built, rays)
+
+    first = kernels_of(lambda: trace(1))
+    assert first
+    for count in (64, 65, 1000, 5000):
+        assert kernels_of(lambda n=count: trace(n)) == first
+
+
+def test_poses_of_shapes_are_read_without_kernels():
+    built = build(panes())
+    assert kernels_of(lambda: surfaces(built)) == set()
+    for quadric, (_, at, towards) in zip(surfaces(built), PANES.values(), strict=True):
+        expected = plane("", "", at, towards).world_from_object
+        np.testing.assert_allclose(quadric.world_from_local, expected, atol=1e-5)

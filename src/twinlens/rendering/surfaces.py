@@ -188,4 +188,6 @@ def _read_surface(shape: Any) -> Surface | None:
 def pose_of(shape: Any) -> Float:
     """The affine world_from_local (4, 4) of a Mitsuba shape or instance."""
     matrix = mitsuba().traverse(shape)["to_world"].matrix
-    return np.asarray(matrix, dtype=np.float64).reshape(4, 4)
+    # Entry by entry: Dr.Jit would compile a kernel that writes these very numbers into one array.
+    rows = [[matrix[i, j][0] for j in range(4)] for i in range(4)]
+    return np.array(rows, dtype=np.float64)
