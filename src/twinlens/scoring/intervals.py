@@ -50,8 +50,8 @@ class Interval:
         """
         return self.low < self.high and self.low <= limit <= self.high
 
-    def format(self, unit: str = "") -> str:
-        """The value and its interval as text.
+    def format(self, unit: str = "", show: Callable[[float], str] | None = None) -> str:
+        """The value and its interval as text; `show` writes a number, `brief` by default.
 
         >>> Interval(2.5, 2.25, 2.75, 9).format("px"), Interval(2.5, 2.25, 2.75, 3).format("px")
         ('2.5 px [2.25, 2.75]', '2.5 px (range of 3: 2.25 to 2.75)')
@@ -60,10 +60,11 @@ class Interval:
         """
         if math.isnan(self.value):
             return "(not measured)"
-        value = f"{brief(self.value)} {unit}".strip()
+        show = show or brief
+        value = f"{show(self.value)} {unit}".strip()
         if math.isnan(self.low):
             return value
-        low, high = brief(self.low), brief(self.high)
+        low, high = show(self.low), show(self.high)
         if 0 < self.units < MIN_UNITS:
             return f"{value} (range of {self.units}: {low} to {high})"
         return f"{value} [{low}, {high}]"

@@ -161,7 +161,7 @@ def comparison_table(
             style = "bold" if method == best else ""
             cells.append(Text(metric.show(means[method]), style=style))
         intervals = [of_group[method].interval for of_group in differences.values()]
-        cells += [Text(interval.format()) for interval in intervals]
+        cells += [Text(interval.format(show=metric.show)) for interval in intervals]
         table.add_row(Text(method), *cells)
     return table
 

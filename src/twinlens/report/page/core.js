@@ -52,6 +52,9 @@ function el(tag, properties, ...children) {
 }
 el.svg = new Set(["circle", "line", "polyline", "text", "g", "title"]);
 
+// A method's name, which may break after the punctuation of its options.
+const breakable = (name) => name.split(/(?<=[:,=_])/).flatMap((part, i) => (i ? [el("wbr"), part] : [part]));
+
 // A number with its noun; its verb. As `errors.counted`.
 const counted = (n, noun) => `${n} ${noun}${n === 1 ? "" : "s"}`;
 const have = (n) => (n === 1 ? "has" : "have");
@@ -63,6 +66,15 @@ function show(metric, value) {
   if (value === Infinity) return "∞";
   if (["%", "px", "grey"].includes(data.metrics[metric].unit)) return value.toFixed(2);
   return value === 0 ? "0" : value >= 1000 ? Math.round(value).toString() : value.toPrecision(3);
+}
+
+// A difference of two values with as many decimals as the values have.
+function showGap(metric, a, b) {
+  const gap = b - a;
+  if (!Number.isFinite(gap)) return "–";
+  const decimals = (value) => (show(metric, value).split(".")[1] || "").length;
+  const text = Math.abs(gap).toFixed(Math.min(decimals(a), decimals(b)));
+  return Number(text) ? `${gap > 0 ? "+" : "−"}${text}` : text;
 }
 
 // Best first, or worst first if flipped; NaN last in both cases.

@@ -160,9 +160,8 @@ function drawCompare() {
   const head = ["Metric", "A", "B", "B − A"].map((t, i) => el("th", { class: i ? "" : "name" }, t));
   $("difference").replaceChildren(el("thead", {}, el("tr", {}, head)), el("tbody", {}, shownColumns().map((c) => {
     const va = a.value(c), vb = b.value(c), gap = vb - va, better = data.metrics[c].lower ? gap < 0 : gap > 0;
-    const text = Number.isFinite(gap) ? `${gap > 0 ? "+" : gap < 0 ? "−" : ""}${show(c, Math.abs(gap))}` : "–";
     return el("tr", {}, el("td", { class: "name", title: data.metrics[c].text }, `${c} [${data.metrics[c].unit}]`),
-      el("td", {}, show(c, va)), el("td", {}, show(c, vb)), el("td", { class: gap === 0 || !Number.isFinite(gap) ? "" : better ? "gain" : "loss" }, text));
+      el("td", {}, show(c, va)), el("td", {}, show(c, vb)), el("td", { class: gap === 0 || !Number.isFinite(gap) ? "" : better ? "gain" : "loss" }, showGap(c, va, vb)));
   })));
 }
 

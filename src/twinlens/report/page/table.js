@@ -51,7 +51,7 @@ function boardRow({ method, scores }, i, columns, best, largest) {
   const open = () => { look(overSample() || state.sample, method.name); };
   return el("tr", { tabindex: "0", "aria-selected": String(method.name === state.method), onclick: open, onkeydown: pressed(open) },
     el("td", { class: "name", title: method.spec },
-      el("span", { class: "rank" }, Number.isNaN(scores.value(state.sort)) ? "" : String(i + 1)), method.name,
+      el("span", { class: "rank" }, Number.isNaN(scores.value(state.sort)) ? "" : String(i + 1)), breakable(method.name),
       whyNot(scores) ? el("span", { class: "fail", title: why }, whyNot(scores)) : null),
     columns.map((c) => {
       const v = scores.value(c), on = c === state.sort;
@@ -82,7 +82,7 @@ function drawGroups() {
   $("groups").replaceChildren(
     el("thead", {}, el("tr", {}, el("th", { class: "name", scope: "col" }, "Method"), shown.map((g) => el("th", { scope: "col", title: g.samples.join(", ") }, g.name, el("small", {}, counted(scored(g), "sample")))),
       compared.map((g) => el("th", { scope: "col" }, `${g.name} − ${shown[0].name}`, el("small", {}, gapsOf(g).basis))))),
-    el("tbody", {}, values.sort((a, b) => order(a[1][0], b[1][0])).map(([name, row]) => el("tr", {}, el("td", { class: "name" }, name),
+    el("tbody", {}, values.sort((a, b) => order(a[1][0], b[1][0])).map(([name, row]) => el("tr", {}, el("td", { class: "name" }, breakable(name)),
       row.map((v, k) => el("td", { class: v === best[k] ? "best" : "" }, show(metric, v))), compared.map((g) => gapCell(metric, gapsOf(g).methods[name]))))));
   const about = compared.length ? [`${data.differences}. Coloured: the interval, not a range, excludes 0.`] : [];
   $("notes").replaceChildren(...[...about, ...data.notes].map((text) => el("p", {}, text)));
@@ -176,8 +176,8 @@ function drawMatrix() {
   const cells = rows.map((r) => samples.map((s) => scoresOf(r.method.name, s.name)));
   const limits = samples.map((_, k) => cells.map((row) => row[k].value(state.sort)).filter(Number.isFinite));
   $("matrix").replaceChildren(
-    el("thead", {}, el("tr", {}, el("th", { class: "name" }), samples.map((s) => el("th", { title: s.name }, s.name.length > 48 ? `${s.name.slice(0, 47)}…` : s.name)))),
-    el("tbody", {}, rows.map((r, i) => el("tr", {}, el("td", { class: "name", title: r.method.spec }, r.method.name),
+    el("thead", {}, el("tr", {}, el("th", { class: "name" }), samples.map((s) => el("th", { title: s.name }, s.name.length > 48 ? `${s.name.slice(0, 47)}…` : s.name, el("small", {}, `ndisp ${s.ndisp}`))))),
+    el("tbody", {}, rows.map((r, i) => el("tr", {}, el("td", { class: "name", title: r.method.spec }, breakable(r.method.name)),
       samples.map((s, k) => {
         const c = cells[i][k], v = c.value(state.sort), open = () => look(s.name, r.method.name);
         return el("td", { class: "cell", tabindex: i || k ? "-1" : "0", onkeydown: walk(open), style: `background:${shade(v, Math.min(...limits[k]), Math.max(...limits[k]))}`, title: c.failure ? c.failure.join(": ") : `${r.method.name} on ${s.name}`, onclick: open },
@@ -199,12 +199,14 @@ function drawDisagreement() {
   };
   const text = (a, b) => (a === b ? "" : Number.isNaN(shareOf(a, b)) ? "–" : shareOf(a, b).toFixed(2));
   const open = (a, b) => { state.first = a; state.second = b; redraw(); $("compare").scrollIntoView(); };
-  const cell = (a, b) => el("td", { class: "cell", tabindex: "0", title: `${a} and ${b}`, style: a === b ? "" : `background:${tint(1 - Math.min(1, (shareOf(a, b) || 0) / 100))}`,
+  const shares = names.flatMap((a) => names.map((b) => (a === b ? NaN : shareOf(a, b)))).filter(Number.isFinite);
+  const largest = Math.max(...shares, 1e-9);
+  const cell = (a, b) => el("td", { class: "cell", tabindex: "0", title: `${a} and ${b}`, style: a === b ? "" : `background:${tint((shareOf(a, b) || 0) / largest)}`,
     onclick: () => open(a, b), onkeydown: pressed(() => open(a, b)) }, text(a, b));
-  $("apart-title").textContent = `Disagreement: % of the pixels with both estimates that are more than ${data.agree_px} px apart`;
+  $("apart-title").textContent = `Disagreement: % of the pixels with both estimates that are more than ${data.agree_px} px apart; the darker, the more`;
   $("apart").replaceChildren(
-    el("thead", {}, el("tr", {}, el("th", { class: "name" }), names.map((name) => el("th", { scope: "col" }, name)))),
-    el("tbody", {}, names.map((a) => el("tr", {}, el("td", { class: "name" }, a), names.map((b) => cell(a, b))))));
+    el("thead", {}, el("tr", {}, el("th", { class: "name" }), names.map((name) => el("th", { scope: "col" }, breakable(name))))),
+    el("tbody", {}, names.map((a) => el("tr", {}, el("td", { class: "name" }, breakable(a)), names.map((b) => cell(a, b))))));
 }
 
 // Round numbers on a logarithmic axis: the coarsest choice with at least three ticks.
