@@ -285,6 +285,17 @@ def test_objects_that_cannot_be_exported_are_refused(data, tmp_path, to, name, m
     assert not (tmp_path / "none").exists()
 
 
+def test_objects_outside_of_all_images_are_not_offered(tmp_path):
+    """Such as a lamp behind the camera; asked for by its name, it is exported as an empty category."""
+    left = replace(MADE.truths[0], object_names=("wall", "card", "lamp"))
+    lit = stored(tmp_path / "s", replace(MADE, truths=(left, MADE.truths[1])))
+    with pytest.raises(InputError, match=r"'lump' \(known: card, wall\)"):
+        export([lit], tmp_path / "none", "bop", objects=["lump"])
+    export([lit], tmp_path / "out", "coco", objects=["lamp"])
+    instances = read_json(tmp_path / "out/annotations/instances.json")
+    assert instances["annotations"] == []
+
+
 def test_kitti_holds_255_objects(tmp_path):
     names = (*(f"rest[{i}]" for i in range(255)), "card")
     left = replace(MADE.truths[0], object_names=names)

@@ -18,7 +18,9 @@ from twinlens.camera import Camera, Rig
 from twinlens.errors import InputError
 from twinlens.factory import make, plan, recipe_from_table, remake
 from twinlens.factory.gates import Rejected
+from twinlens.factory.ledger import Failure
 from twinlens.factory.objects import copy_names, with_objects
+from twinlens.factory.produce import sample_or_failure
 from twinlens.scenes import load_scene
 from twinlens.scenes.shapes import transformed
 
@@ -369,3 +371,28 @@ def test_no_free_place_says_the_sizes(folder, keys, cause, remedy):
     with pytest.raises(Rejected, match=f"no free place: {cause}") as caught:
         placed(recipe_of(folder, {"p": body}))
     assert remedy in caught.value.remedy
+
+
+WIDE = {**BOX, "scale": 100, "resting_on": "table"}
+LARGE_OR_NOT = {"scale": {"choice": [100, 1000]}}
+
+
+@pytest.mark.parametrize(
+    ("objects", "draws"),
+    [
+        ({"p": WIDE}, 1),
+        ({"p": {**WIDE, "count": {"integers": [2, 5]}}}, 1),
+        ({"p": {**WIDE, "within": [[-0.2, 0.2], [0, {"uniform": [0.1, 0.2]}]]}}, 1),
+        ({"p": {**WIDE, "resting_on": "q"}, "q": {**BOX, "translate": [0, 0, 0.1]}}, 1),
+        ({"p": {**WIDE, **LARGE_OR_NOT}}, 3),
+        ({"p": {**WIDE, "count": {"integers": [0, 5]}}}, 3),
+        ({"p": {**WIDE, "resting_on": "q"}, "q": {**BOX, **LARGE_OR_NOT, "resting_on": "table"}}, 3),
+    ],
+)  # fmt: skip
+def test_an_object_that_never_fits_is_drawn_once(folder, objects, draws):
+    """If its size and its carrier's are drawn, or it may be missing, another draw may pass."""
+    recipe = recipe_of(folder, objects, gates={"attempts": 3})
+    failure = sample_or_failure(recipe, 0)
+    assert isinstance(failure, Failure)
+    assert {row["reason"] for row in failure.rejections} == {"no free place"}
+    assert len(failure.rejections) == draws

@@ -42,7 +42,7 @@ const later = (ms) => new Promise((done) => setTimeout(done, ms));
   const view = page().querySelectorAll("#panels .view")[3], box = view.getBoundingClientRect();
   const at = {{ clientX: box.left + box.width * {u} / {columns}, clientY: box.top + box.height * {v} / {rows} }};
   view.dispatchEvent(new frame.contentWindow.MouseEvent("click", at));
-  for (let i = 0; i < 100 && !all("#why .why-row").length; i++) await later(20);
+  for (let i = 0; i < 600 && !all("#why .why-row").length; i++) await later(20);
   results.pixel = [page().getElementById("at-u").value, page().getElementById("at-v").value];
   const text = (row, part) => row.querySelector(part).textContent;
   results.why = all("#why .why-row").map((row) => [text(row, "b"), text(row, "p")]);

@@ -21,7 +21,7 @@ from twinlens.dataset.layouts import Files, Source
 from twinlens.dataset.metadata import about
 from twinlens.dataset.storage import Place, RemotePath, Where, place
 from twinlens.dataset.stored import StoredSample
-from twinlens.errors import InputError, OutputError, check_known
+from twinlens.errors import InputError, OutputError, check_known, unknown
 
 NOTE = "EXPORT.md"
 _FIRST_LINE = "# Exported by twinlens"
@@ -146,6 +146,7 @@ def _sources(
 ) -> Iterator[Source]:
     """The samples to export. Raises InputError for an unrectified pair, and for objects that no sample has."""
     names_seen: set[str] = set()
+    in_images: set[str] = set()
     texts = {}
     if isinstance(dataset, Dataset):
         texts = about(dataset)[0].model_dump(exclude={"credits"}, exclude_defaults=True)
@@ -160,7 +161,18 @@ def _sources(
         if objects and has_record:
             names = sample.record.get("object_names", [])
             names_seen.update(map(layouts.category, names))
+            in_images.update(_categories_in_images(sample, names))
         chosen = frozenset(objects) if objects else None
         yield Source(sample, i, lens, chosen, texts)
     for name in objects:
-        check_known("object", name, names_seen)
+        if name not in names_seen:
+            # Lamps behind the camera are objects too, but nothing to choose.
+            raise unknown("object", name, in_images or names_seen)
+
+
+def _categories_in_images(sample: StoredSample, names: Sequence[str]) -> set[str]:
+    """The categories of the objects that are in the image of a view; empty in samples of versions before 0.2."""
+    instances = [
+        instance for view in range(len(sample.rig)) for instance in sample.objects(view)
+    ]
+    return {layouts.category(names[instance.object_id - 1]) for instance in instances}

@@ -34,16 +34,23 @@ class Rejected(Exception):  # noqa: N818  no failure: the draw was a bad one
     """A gate has rejected a draw: `reason` is counted, `measured` says by how much, `remedy` what to change.
 
     `noisy`: the measurement depends on image noise, which differs in another draw.
+    `depends_on`: the recipe's object whose size, beside that of what it rests on, decides; None if other draws matter.
     """
 
     def __init__(
-        self, reason: str, measured: str, remedy: str, noisy: bool = False
+        self,
+        reason: str,
+        measured: str,
+        remedy: str,
+        noisy: bool = False,
+        depends_on: str | None = None,
     ) -> None:
         super().__init__(f"{reason}: {measured}")
         self.reason = reason
         self.measured = measured
         self.remedy = remedy
         self.noisy = noisy
+        self.depends_on = depends_on
 
     def record(self, attempt: int) -> dict[str, Any]:
         """The entry of the `attempt`-th draw among the rejections of a sample."""

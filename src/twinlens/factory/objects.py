@@ -429,9 +429,13 @@ class _Stage:
             table = table.model_copy(update={"look_at": target.tolist()})
         body = self.built(table, draft)
         if place.resting_on is not None:
-            body = self.at_rest(
-                body, place, target, generator(self.seed, "objects", name, index)
-            )
+            rng = generator(self.seed, "objects", name, index)
+            try:
+                body = self.at_rest(body, place, target, rng)
+            except Rejected as rejected:
+                if self.is_too_large(body, place):
+                    rejected.depends_on = name
+                raise
         elif (
             place.in_view is not None
             and (share := self.share_in_view(body)) < place.in_view
@@ -541,13 +545,23 @@ class _Stage:
                 return placed
         raise self.no_free_place(body.name, place, rest)
 
+    def is_too_large(self, body: SceneObject, place: Placing) -> bool:
+        """Whether the support of an object, in any stable pose, is wider than its carrier at any turn."""
+        low, high = self.span(str(place.resting_on))
+        diagonal = float(np.hypot(*(high - low)))
+        poses = self.poses_of(body, place)
+        return all(np.ptp(pose.support, axis=0).max() > diagonal for pose in poses)
+
+    def span(self, carrier: str) -> tuple[Float, Float]:
+        """The smallest and largest x and y, (2,) each, of the level faces of an object."""
+        faces = [face.triangles.reshape(-1, 2) for face, _ in self.level(carrier)]
+        points = np.concatenate(faces)
+        return points.min(axis=0), points.max(axis=0)
+
     def no_free_place(self, name: str, place: Placing, rest: StablePose) -> Rejected:
         """Why an object in a stable pose has no place on its carrier."""
         carrier = str(place.resting_on)
-        points = np.concatenate(
-            [face.triangles.reshape(-1, 2) for face, _ in self.level(carrier)]
-        )
-        low, high = points.min(axis=0), points.max(axis=0)
+        low, high = self.span(carrier)
         wide = float(np.ptp(rest.footprint, axis=0).max())
         free = float((high - low).max())
         problem = f"{name!r}, {wide:.3g} m wide, on {carrier!r}, {free:.3g} m, in {_TRIES} tries"
@@ -587,6 +601,14 @@ class _Stage:
         self, body: SceneObject, place: Placing, rng: Rng
     ) -> tuple[StablePose, Float]:
         """A stable pose of an object and its vertices (N, 3), relative to its own position and orientation."""
+        poses = self.poses_of(body, place)
+        weights = np.array([pose.probability for pose in poses])
+        chosen = poses[int(rng.choice(len(poses), p=weights / weights.sum()))]
+        _, vertices, _ = _solid(body)
+        return chosen, vertices
+
+    def poses_of(self, body: SceneObject, place: Placing) -> list[StablePose]:
+        """The stable poses of an object, upright ones alone where asked for. Raises InputError if it has none."""
         key, vertices, faces = _solid(body)
         pose_key = hash(key), body.world_from_object.tobytes()
         if pose_key not in self.poses:
@@ -611,8 +633,7 @@ class _Stage:
             raise InputError(
                 f"resting_on: {body.name!r} has no {'upright ' * place.upright}stable pose; {remedy}"
             )
-        weights = np.array([pose.probability for pose in poses])
-        return poses[int(rng.choice(len(poses), p=weights / weights.sum()))], vertices
+        return poses
 
     def enclosed(self, point: Float) -> bool:
         """Whether a point (3,) is inside a closed object that does not enclose the camera too, as a room does."""

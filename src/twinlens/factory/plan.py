@@ -148,12 +148,47 @@ def _of_copy(choose: Callable[..., Any], copy: int, leaf: Leaf) -> Any:
 
 def is_fixed(recipe: Recipe) -> bool:
     """Whether all draws of a sample differ in noise only: the scene is from a file, and nothing else is random."""
-    chosen = recipe.weights is None or len(recipe.names) == 1
-    random = any(
-        leaf.kind not in ("sweep", "per_scene") for leaf in leaves(recipe.drawn)
+    return (
+        _has_fixed_scene(recipe)
+        and not _is_random(recipe.drawn)
+        and not recipe.random_places
     )
-    random |= recipe.random_places
-    return chosen and recipe.kind == "scene" and not random
+
+
+_PLACING = {"count", "translate", "within", "in_view", "material"}
+"""Keys of an object that change neither its size nor its stable poses."""
+
+
+def has_fixed_size(recipe: Recipe, name: str) -> bool:
+    """Whether the object `name` of the recipe, and what it rests on, have the same size in all draws of a sample."""
+    scene = recipe.drawn.get("scene")
+    if not _has_fixed_scene(recipe) or not isinstance(scene, dict):
+        return False
+    objects = scene.get("objects", {})
+    table = objects.get(name, {})
+    shape = {key: value for key, value in table.items() if key not in _PLACING}
+    if "folder" in table or _is_random(shape) or not _is_always_there(table):
+        return False
+    carrier = table.get("resting_on")
+    return carrier not in objects or has_fixed_size(recipe, carrier)
+
+
+def _is_always_there(table: Mapping[str, Any]) -> bool:
+    """Whether every draw has a copy of an object."""
+    count = table.get("count", 1)
+    counts = count.distribution.values if isinstance(count, Leaf) else (count,)
+    return all(number > 0 for number in counts)
+
+
+def _has_fixed_scene(recipe: Recipe) -> bool:
+    """Whether all draws of a sample have the same scene file."""
+    is_chosen = recipe.weights is None or len(recipe.names) == 1
+    return is_chosen and recipe.kind == "scene"
+
+
+def _is_random(tree: Any) -> bool:
+    """Whether a template has a value that differs between the draws of a sample."""
+    return any(leaf.kind not in ("sweep", "per_scene") for leaf in leaves(tree))
 
 
 def sample_name(index: int) -> str:

@@ -21,7 +21,7 @@ from twinlens.factory.gates import Rejected, check_photographs, check_truth
 from twinlens.factory.ledger import Failure
 from twinlens.factory.lenses import View
 from twinlens.factory.objects import check_seen, with_objects
-from twinlens.factory.plan import SampleSpec, is_fixed, plan
+from twinlens.factory.plan import SampleSpec, has_fixed_size, is_fixed, plan
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
 from twinlens.factory.settings import (
@@ -62,7 +62,7 @@ def make(recipe: Recipe, index: int, progress: Progress | None = None) -> Sample
 
     Its record has the `spec`, the `rejections` of earlier draws, and in `sources_sha256` the digest of the files.
 
-    Raises Exhausted if all draws were rejected (only one is made if nothing in the recipe is random), and FileError for
+    Raises Exhausted if all draws were rejected (only one is made if no other can pass), and FileError for
     a file that cannot be read or has changed since the recipe's first sample was made.
     """
     made = sample_or_failure(recipe, index, progress)
@@ -95,7 +95,7 @@ def sample_or_failure(
             except Rejected as rejected:
                 rejections.append(rejected.record(attempt))
                 remedy = rejected.remedy
-                if is_fixed(recipe) and not rejected.noisy:
+                if _is_final(recipe, rejected):
                     break
                 if attempt + 1 < attempts:
                     last = rejected.reason
@@ -111,6 +111,13 @@ def sample_or_failure(
         if recipe.varied_scenes:
             forget_kernels()
     return Failure(index, remedy, plain(rejections))
+
+
+def _is_final(recipe: Recipe, rejected: Rejected) -> bool:
+    """Whether every other draw of the sample would be rejected, too."""
+    if rejected.depends_on is not None:
+        return has_fixed_size(recipe, rejected.depends_on)
+    return is_fixed(recipe) and not rejected.noisy
 
 
 def _check_scene_file(recipe: Recipe, spec: SampleSpec) -> None:
