@@ -385,7 +385,7 @@ LARGE_OR_NOT = {"scale": {"choice": [100, 1000]}}
         ({"p": {**WIDE, "within": [[-0.2, 0.2], [0, {"uniform": [0.1, 0.2]}]]}}, 1),
         ({"p": {**WIDE, "resting_on": "q"}, "q": {**BOX, "translate": [0, 0, 0.1]}}, 1),
         ({"p": {**WIDE, **LARGE_OR_NOT}}, 3),
-        ({"p": {**WIDE, "count": {"integers": [0, 5]}}}, 3),
+        ({"p": {**WIDE, "count": {"integers": [0, 200]}}}, 3),
         ({"p": {**WIDE, "resting_on": "q"}, "q": {**BOX, **LARGE_OR_NOT, "resting_on": "table"}}, 3),
     ],
 )  # fmt: skip
