@@ -107,12 +107,17 @@ def run_board(
             output / "index.html", board, pairs, maps, right_maps=right_maps,
             **page_options(board),
         )  # fmt: skip
-    kept = len({(e.method, e.sample) for e in board.entries if not e.ok} & skipped)
-    if kept:
+    _print_kept_failures(board, skipped)
+    return board
+
+
+def _print_kept_failures(board: scoring.Board, skipped: set[tuple[str, str]]) -> None:
+    """Print how many of the skipped matches, (method, sample), had failed in an earlier run."""
+    failed = {(entry.method, entry.sample) for entry in board.entries if not entry.ok}
+    if kept := len(failed & skipped):
         click.echo(
             f"earlier failures kept: {kept}; use --retry-failed to rerun them", err=True
         )
-    return board
 
 
 @contextlib.contextmanager

@@ -68,12 +68,8 @@ def command(
         figure = pair_figure(list(measured[0].values()), output.suffix.lower()[1:])
         write_file(output, figure)
     if as_json:
-        record = {"pairs": measured[0], "summary": summaries[0]}
-        record["real"] = {name: s.real for name, s in STATISTICS.items()}
-        if like:
-            record["like"] = {"pairs": measured[1], "summary": summaries[1]}
-            record |= {"recipe": recipe, "notes": notes}
-        print_json(record)
+        fit = {"recipe": recipe, "notes": notes} if like else {}
+        print_json(_record(measured, summaries) | fit)
         return
     lines = _table([len(pairs) for pairs in measured], summaries)
     lines += _missing(measured[0], blind)
@@ -85,6 +81,15 @@ def command(
     for line in (*lines, *notes):
         click.echo(f"# {line}")
     click.echo(recipe_toml(recipe), nl=False)
+
+
+def _record(measured: Sequence[Any], summaries: Sequence[Any]) -> dict[str, Any]:
+    """The statistics of the dataset, of the real pairs, and of the pairs of --like, as plain data."""
+    record = {"pairs": measured[0], "summary": summaries[0]}
+    record["real"] = {name: s.real for name, s in STATISTICS.items()}
+    if len(measured) > 1:
+        record["like"] = {"pairs": measured[1], "summary": summaries[1]}
+    return record
 
 
 def _check_like(datasets: Sequence[str]) -> None:

@@ -135,14 +135,31 @@ def render_lens_grid(
     denoise = denoise and not _sees_projectors(rig)
     views = views_of(scenes, rig, [lenses[0]] * len(rig), int(seed), denoise)
 
-    # One row for each lens, one column for each view; views of a camera are added up at the end.
+    samples = Samples(int(spp), int(seed), sampler or PLAIN_SAMPLER, parts)
+    images, variance, rays = _noisy_grid(views, lenses, samples, alone, progress)
+    if denoise:
+        for i, lens in enumerate(lenses):
+            images[i] = _denoised(views, images[i], lens, i, int(seed), parts)
+    return _grid_of_cameras(rig, images, variance, rays)
+
+
+def _noisy_grid(
+    views: Sequence[View],
+    lenses: Sequence[Paraxial],
+    samples: Samples,
+    alone: str,
+    progress: Progress | None,
+) -> tuple[list[list[Image]], Float, int]:
+    """The images (lenses, views) before denoising, their variances, and the number of paths.
+
+    alone : the sampler of the lenses that share no paths. Views of one camera are added up later.
+    """
     images: list[list[Image]] = [[] for _ in lenses]
     variance = np.zeros((len(lenses), len(views)))
     rays = 0
     shared = _shareable(views, lenses)
     if shared:
         report = partial_progress(progress, 0.0, len(shared) / len(lenses))
-        samples = Samples(int(spp), int(seed), sampler or PLAIN_SAMPLER, parts)
         sharing = [lenses[i] for i in shared]
         rows, variance[shared], rays = _render_shared(views, sharing, samples, report)
         for i, row in zip(shared, rows, strict=True):
@@ -153,14 +170,11 @@ def render_lens_grid(
         report = partial_progress(
             progress, done / len(lenses), (done + 1) / len(lenses)
         )
-        lens_seed = derived_seed(int(seed), _GRID_STREAM, i)
-        samples = Samples(int(spp), lens_seed, alone, parts)
-        images[i], variance[i] = _render_separately(views, lenses[i], samples, report)
-        rays += spp * film_pixels
-    if denoise:
-        for i, lens in enumerate(lenses):
-            images[i] = _denoised(views, images[i], lens, i, int(seed), parts)
-    return _grid_of_cameras(rig, images, variance, rays)
+        lens_seed = derived_seed(samples.seed, _GRID_STREAM, i)
+        of_lens = replace(samples, seed=lens_seed, sampler=alone)
+        images[i], variance[i] = _render_separately(views, lenses[i], of_lens, report)
+        rays += samples.spp * film_pixels
+    return images, variance, rays
 
 
 def focal_stack(

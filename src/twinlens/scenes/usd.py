@@ -315,10 +315,7 @@ class _Polygons:
         if surfaces.has_colors(material):
             colors = self._values("displayColor", 3, flat, of_polygon)
         columns += [values for values in (uv, normals, colors) if values is not None]
-        # Corners of one vertex that agree in everything are one vertex, so that smooth surfaces stay connected.
-        _, first, numbers = np.unique(
-            np.hstack(columns), axis=0, return_index=True, return_inverse=True
-        )
+        first, numbers = _distinct_rows(np.hstack(columns))
         mesh = trimesh.Trimesh(
             self.points[self._vertices[flat[first]]],
             numbers.reshape(-1, 3),
@@ -463,3 +460,14 @@ def _shape(prim: Any, time: Any) -> Any:
 def _opaque(colors: Float) -> Float:
     """Colours (N, 3), clipped to [0, 1], with an opacity of 1: (N, 4)."""
     return np.hstack([np.clip(colors, 0.0, 1.0), np.ones((len(colors), 1))])
+
+
+def _distinct_rows(values: Float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The first of each set of equal rows, and the number of the set of each row.
+
+    Corners of one vertex that agree in everything are one vertex, so that smooth surfaces stay connected.
+    """
+    _, first, numbers = np.unique(
+        values, axis=0, return_index=True, return_inverse=True
+    )
+    return first, numbers

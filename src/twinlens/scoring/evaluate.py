@@ -156,8 +156,7 @@ def evaluate(
     doubt = mistake_of(estimate, truth, visible, lowest, highest - 1, doffs)
     estimate, estimated = rules.prepare(estimate, lowest, highest)
     if round_disparity is None:
-        whole_truth = calibration is not None and calibration.isint
-        round_disparity = rules.rounds_integers and whole_truth
+        round_disparity = rules.rounds_integers and _is_whole(calibration)
     if round_disparity:
         estimate = _rounded(estimate)
     masks = _region_masks(truth.shape, visible, extra_regions)
@@ -210,6 +209,11 @@ def _check_request(
         raise InputError(
             f"region {name!r} is reserved: pass mask_nonocc, or use another name"
         )
+
+
+def _is_whole(calibration: Calibration | None) -> bool:
+    """Whether the pair's calibration says that its truth is of whole pixels."""
+    return calibration is not None and bool(calibration.isint)
 
 
 def _rounded(estimate: Disparity) -> Disparity:
