@@ -23,6 +23,7 @@ families = ["cards"]
 width = 32
 height = 24
 spp = 1
+denoise = false
 [scene]
 object_count = 12
 [assets]
@@ -117,7 +118,7 @@ def test_a_mitsuba_file_that_changes_in_the_middle_is_told(tmp_path, rendered):
     """Mitsuba opens it when it is first rendered, after twinlens has read it."""
     wall, path = tmp_path / "wall.xml", tmp_path / "recipe.toml"
     wall.write_text(WALL.format(z=3))
-    size = "width = 9\nheight = 9\nspp = 1\ngates = { texture = 0, burnt = 1 }\n"
+    size = "width = 9\nheight = 9\nspp = 1\ndenoise = false\ngates = { texture = 0, burnt = 1 }\n"
     path.write_text(f'seed = 4\ncount = 2\nscenes = ["wall.xml"]\n{size}')
     recipe = read_recipe(path)
     _ = recipe.sources.digests

@@ -5,6 +5,8 @@ import re
 
 import pytest
 
+from twinlens.studies import stage
+
 RUN = ("study", "window", "--scene", "cards", "--methods", "zncc,census")
 
 
@@ -12,6 +14,18 @@ FEW = ("--seeds", 1, "--size", "64x48", "--spp", 2)
 ENOUGH = re.compile(r"enough: (--seeds 3 --size \d+x\d+) \(about \d+ (s|min)\)\.")
 
 
+@pytest.fixture
+def _raw_images(monkeypatch):
+    """Fewer kernels; test_the_printed_options_decide and tests/studies denoise."""
+    photograph = stage.render
+
+    def raw(*arguments, denoise):
+        return photograph(*arguments, denoise=False)
+
+    monkeypatch.setattr(stage, "render", raw)
+
+
+@pytest.mark.usefixtures("_raw_images")
 def test_a_study_that_is_too_small_decides_nothing_and_says_what_would(
     twinlens, tmp_path
 ):
