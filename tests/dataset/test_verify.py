@@ -203,15 +203,15 @@ def small_pair(size, baseline):
 def test_correct_views_of_few_pixels_have_no_findings(size, baseline):
     """Most pixels are at the border or at a silhouette, where depths at pixel centres prove little."""
     pair, truths = small_pair(size, baseline)
-    assert consistency.check_views((truths[0], truths[1]), pair, (0, 1)) == []
-    assert consistency.check_views((truths[1], truths[0]), pair, (1, 0)) == []
+    assert consistency.check_shared_points((truths[0], truths[1]), pair, (0, 1)) == []
+    assert consistency.check_shared_points((truths[1], truths[0]), pair, (1, 0)) == []
 
 
 @pytest.mark.parametrize("larger", [0.5, 1.1])
 def test_different_scenes_are_reported_from_a_hundred_pixels(larger):
     pair, (left, right) = small_pair((12, 9), 0.4)
     other = {**right, "depth": larger * right["depth"]}
-    (finding,) = consistency.check_views((left, other), pair, (0, 1))
+    (finding,) = consistency.check_shared_points((left, other), pair, (0, 1))
     assert "are at a depth that the other view has there" in finding
 
 
@@ -248,9 +248,9 @@ def test_a_view_shifted_by_a_pixel_is_reported(monkeypatch, wall, step, axis, vi
     truths = [vars(truth) for truth in dataset_scene.truths(pair)]
     here, there = (truths[i] for i in views)
     camera, pose = pair.cameras[views[1]], pair.world_from_cams[views[1]]
-    assert consistency.check_views((here, there), pair, views) == []
+    assert consistency.check_shared_points((here, there), pair, views) == []
     moved = shifted(there, camera, pose, *step)
-    (finding,) = consistency.check_views((here, moved), pair, views)
+    (finding,) = consistency.check_shared_points((here, moved), pair, views)
     assert f" px along {axis} against the other view's surfaces" in finding
 
 
@@ -261,7 +261,7 @@ def test_a_view_with_another_pixel_convention_is_reported():
         vars(dataset_scene.truths(pair)[0]),
         vars(dataset_scene.truths(other)[1]),
     )
-    (finding,) = consistency.check_views(
+    (finding,) = consistency.check_shared_points(
         (left, as_seen_by(right, pair.cameras[1], pair.world_from_cams[1])),
         pair,
         (0, 1),
@@ -277,8 +277,8 @@ def test_views_of_a_curved_wall_have_no_findings(bend):
         waving(camera, x, bend)
         for camera, x in zip(pair.cameras, (0.0, 0.1), strict=True)
     ]
-    assert consistency.check_views((truths[0], truths[1]), pair, (0, 1)) == []
-    assert consistency.check_views((truths[1], truths[0]), pair, (1, 0)) == []
+    assert consistency.check_shared_points((truths[0], truths[1]), pair, (0, 1)) == []
+    assert consistency.check_shared_points((truths[1], truths[0]), pair, (1, 0)) == []
 
 
 def waving(camera, x, bend):

@@ -4,6 +4,7 @@ import json
 import shlex
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from scipy.ndimage import maximum_filter, minimum_filter
@@ -54,6 +55,15 @@ def test_from_a_recipe_of_patterns_to_points(twinlens, folder):
     (views,) = decoded["samples"].values()
     for view, found in enumerate(views):
         name = f"decoded/{sample.name}/decoded{view}"
+        picture = cv2.imread(f"{name}.png")
+        height, width = sample.image(view).shape[:2]
+        title_height = picture.shape[0] - height
+        assert picture.shape[1] == 4 * width
+        assert 8 < title_height < 24
+        for column in range(4):  # black letters on white above each picture
+            title = picture[:title_height, column * width :][:, :width]
+            assert title.min() < 64
+            assert title.max() == 255
         arrays = np.load(f"{name}.npz")
         truth = sample.truth(view)
         light = truth.projections[0]

@@ -151,9 +151,9 @@ def _table(
 
 
 def _text(values: tuple[float, float, float]) -> str:
-    """Median (10 % to 90 %)."""
-    if math.isnan(values[0]):
+    """Median (10 % to 90 %), without the range if it is unknown or empty, as of one pair."""
+    median, low, high = values
+    if math.isnan(median):
         return "-"
-    return f"{values[0]:.3g}" + (
-        "" if math.isnan(values[1]) else f" ({values[1]:.3g} to {values[2]:.3g})"
-    )
+    text = f"{median:.3g}"
+    return f"{text} ({low:.3g} to {high:.3g})" if low < high else text

@@ -244,7 +244,7 @@ def _check_projection(view: ViewContent, number: int) -> Findings:
     return findings
 
 
-def check_views(
+def check_shared_points(
     truths: tuple[Arrays, Arrays], rig: Rig, views: tuple[int, int]
 ) -> Findings:
     """Points of one view that are visible in the other project into it, at a depth and place that it has there.

@@ -456,7 +456,7 @@ def _check_view(
     if findings or partner is None or FileOf(TRUTH, partner) not in content.views:
         return findings
     truths = truth, content.views[FileOf(TRUTH, partner)]
-    wrong = consistency.check_views(truths, rig, (view, partner))
+    wrong = consistency.check_shared_points(truths, rig, (view, partner))
     return _named(TRUTH.name(view), wrong)
 
 

@@ -28,6 +28,7 @@ RECORD = "decoded.json"
 _MOST_APART_PX = 2.0
 """Of the two axes: a point by one of them is kept if its projection is as far from the other's position, or less."""
 _SHOWN_ERROR_PX = 2.0  # the end of the colours of errors
+_TITLE_HEIGHT = 18  # pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,10 @@ class DecodedView:
         }
 
     def picture(self) -> NDArray[np.uint8]:
-        """The first image; and of each axis the decoded positions, the true ones and the error, uint8 (H, W, 3)."""
+        """The first image; and of each axis the decoded positions, the true ones and the error, with titles, uint8.
+
+        Rows are axes.
+        """
         rows = []
         for axis, decoded in self.axes.items():
             shown = np.where(self.valid, decoded.position, np.inf)
@@ -77,15 +81,31 @@ class DecodedView:
             low, high = (0.0, 1.0)
             if finite.size and finite.min() < finite.max():
                 low, high = float(finite.min()), float(finite.max())
-            tiles = [rgb8(self.image), colourise(shown, low, high)]
+            span_text = f"{low:.0f} to {high:.0f} px"
+            tiles = [
+                _titled(rgb8(self.image), "image"),
+                _titled(colourise(shown, low, high), f"{axis} decoded, {span_text}"),
+            ]
             if self.true_pixels is not None:
                 true = self.true_pixels[..., "uv".index(axis)]
-                tiles.append(colourise(true, low, high))
+                tiles.append(_titled(colourise(true, low, high), f"{axis} true"))
                 error = _difference(shown, true)
                 span = _SHOWN_ERROR_PX
-                tiles.append(colourise(error, -span, span, "berlin"))
+                coloured = colourise(error, -span, span, "berlin")
+                title = f"{axis} error, -{span:g} to {span:g} px"
+                tiles.append(_titled(coloured, title))
             rows.append(np.hstack(tiles))
         return np.vstack(rows)
+
+
+def _titled(tile: NDArray[np.uint8], title: str) -> NDArray[np.uint8]:
+    """A picture (H, W, 3) below a line of text, which is cut where it is too long."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    line = Image.new("RGB", (tile.shape[1], _TITLE_HEIGHT), "white")
+    font = ImageFont.load_default(_TITLE_HEIGHT - 6)
+    ImageDraw.Draw(line).text((3, 2), title, "black", font)
+    return np.vstack([np.asarray(line), tile])
 
 
 def decode_sample(
