@@ -147,6 +147,8 @@ def test_from_a_calibration_to_rectified_pairs(twinlens, tmp_path, monkeypatch, 
     assert "128x96 pixels" in said["cameras"]
     assert "0.11009" in said["cameras"]  # |T|, metres
     assert "Not a rectified pair" in said["cameras"]
+    # The other programs' files name the model of the distortion.
+    assert ("cv2.fisheye" in said["cameras"]) == (write is write_opencv)
     assert "twinlens rectify shown" in said["render"]
     assert "twinlens rectify made" in said["generate"]
     assert "sgm" in said["benchmark"]

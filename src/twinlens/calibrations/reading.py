@@ -1,7 +1,7 @@
 """A rig from a calibration file, whose program is recognised by what the file holds."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -61,7 +61,7 @@ def read_rig(
     poses = [pose.copy() for pose in read.rig.world_from_cams]
     for pose in poses:
         pose[:3, 3] *= metres
-    return NamedRig(Rig(read.rig.cameras, poses), read.names)
+    return replace(read, rig=Rig(read.rig.cameras, poses))
 
 
 def calibration_files(path: Path) -> list[Path]:
@@ -98,7 +98,8 @@ def _read(
     if "cam0" in values:
         return read_kalibr(_only(files))
     if _has_cameras(values) or {"R", "T"} <= values.keys():
-        return NamedRig(_opencv_pair(files, values, size, fisheye), ("1", "2"))
+        rig = _opencv_pair(files, values, size, fisheye)
+        return NamedRig(rig, ("1", "2"), has_model=False)
     raise FileError(f"{first}: holds no rig that is known; it may be of {FORMS}")
 
 

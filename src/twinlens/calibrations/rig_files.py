@@ -63,10 +63,11 @@ _NERF_MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE")
 
 @dataclass(frozen=True, eq=False)
 class NamedRig:
-    """A rig and one image name per camera."""
+    """A rig, one image name per camera, and whether its file names the model of the distortion."""
 
     rig: Rig
     names: tuple[str, ...]
+    has_model: bool = True
 
 
 def read_colmap(folder: FilePath) -> NamedRig:

@@ -138,7 +138,8 @@ def _described(named: NamedRig, files: tuple[Path, ...]) -> list[str]:
             "If these lengths are millimetres, name the file in a rig's .toml: "
             'file = "...", length_unit = "mm".'
         )
-    if any(_may_be_fisheye(camera) for camera in named.rig.cameras):
+    may_be_fisheye = any(map(_may_be_fisheye, named.rig.cameras))
+    if may_be_fisheye and not named.has_model:
         lines.append(
             "Read as k1 k2 p1 p2. If the coefficients are those of cv2.fisheye, name the file in a rig's .toml: "
             'file = "...", fisheye = true.'
