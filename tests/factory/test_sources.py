@@ -17,7 +17,7 @@ from twinlens.factory.workers import Order, make_one
 from twinlens.scenes import load_scene
 
 ASSETS = """
-seed = 4
+seed = 6
 count = 2
 families = ["cards"]
 width = 32

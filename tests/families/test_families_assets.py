@@ -83,7 +83,7 @@ def test_meshes_are_scaled_to_extent_one(folder):
 
 def test_user_meshes_rest_on_the_table(folder):
     assets = Assets.from_folders(meshes=[folder], textures=[folder], hdris=[folder])
-    scene = random_scene("tabletop", 8, assets=assets, width=80)
+    scene = random_scene("tabletop", 8, assets=assets, object_count=9, width=80)
     names = {thing.name.rsplit("-", 1)[0] for thing in scene.objects}
     assert names & {"crate", "pill", "globe"}
     assert intersecting(scene) == []
@@ -127,7 +127,7 @@ def write_part(path, size):
 def test_meshes_keep_their_size_and_materials_if_asked(tmp_path, family):
     write_part(tmp_path / "part.glb", [0.012, 0.08, 0.05])
     assets = Assets.from_folders(meshes=[tmp_path], keep_scale=True, keep_material=True)
-    scene = random_scene(family, 3, assets=assets, width=80)
+    scene = random_scene(family, 3, assets=assets, object_count=16, width=80)
     parts = [thing for thing in scene.objects if thing.name.startswith("part")]
     assert len(parts) > 2
     for thing in parts:
@@ -149,7 +149,7 @@ def test_files_of_one_name_keep_their_own_materials(tmp_path):
         (tmp_path / name).mkdir()
         write_part(tmp_path / name / "part.glb", [side, side, side])
     assets = Assets.from_folders(meshes=[tmp_path], keep_scale=True, keep_material=True)
-    scene = random_scene("tabletop", 3, assets=assets, width=80)
+    scene = random_scene("tabletop", 3, assets=assets, object_count=16, width=80)
     names = {
         thing.materials for thing in scene.objects if thing.name.startswith("part")
     }

@@ -1,14 +1,18 @@
 """Things have closed parts, real sizes, stand on z = 0 or hang from it, and are the same for the same seed."""
 
 import hashlib
+import itertools
 import re
 
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import Delaunay
 
+from tests.families.families_checks import inside
 from twinlens.families.materials import FURNITURE
 from twinlens.families.things import THINGS
+from twinlens.scenes.shapes import merged
 
 PLACES = {"table", "floor", "wall", "outdoors", "hangs"}
 SHEETS = {"leaf"}  # both sides of a blade, without its edge
@@ -82,3 +86,22 @@ def test_a_seed_decides_every_byte_and_seeds_differ(name):
     sums = [digest(piece) for piece in first]
     assert sums == [digest(piece) for piece in again]
     assert len(set(sums)) == len(sums)
+
+
+@pytest.mark.parametrize("name", THINGS)
+def test_a_thing_stands_by_itself(name):
+    """The centre of its surfaces is above its feet: the points within 1% of its size above the ground."""
+    for piece in pieces(name):
+        if "hangs" in THINGS[name].places:
+            continue
+        whole = merged([mesh for _, mesh, _ in piece.parts])
+        solid = trimesh.Trimesh(whole.vertices, whole.faces, process=False)
+        feet = whole.vertices[whole.vertices[:, 2] < 0.01 * max(solid.extents), :2]
+        assert Delaunay(feet).find_simplex(solid.centroid[:2]) >= 0
+
+
+def test_books_that_lean_on_each_other_do_not_overlap():
+    for piece in pieces("leaning-books"):
+        books = [(mesh.vertices, mesh.faces) for _, mesh, _ in piece.parts]
+        for one, other in itertools.permutations(books, 2):
+            assert not inside(one[0], other).any()

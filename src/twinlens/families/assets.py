@@ -117,6 +117,11 @@ class Assets:
                 self._get(kind, path)
         return self
 
+    @property
+    def share_of_ours(self) -> float:
+        """The share of the bodies that twinlens makes: all of them where the user has no meshes."""
+        return 1 - self.mesh_share if self.meshes else 1.0
+
     def draw(self, kind: str, rng: Rng) -> tuple[str, Any] | None:
         """The name and content of the first usable file in a random order; None when no file can be used.
 

@@ -38,7 +38,8 @@ from twinlens.scenes.stable_poses import gap, outline
 
 _TRIES = 30  # random poses of a chart before it is left out
 _NEAREST = 0.92  # metres, before scaling to the depth range
-_MOST_THINGS, _SIZES_OF_THINGS = 12, (0.2, 1.0)
+_LOWEST = 0.3  # metres, of a wall below the sky
+_MOST_THINGS, _SIZES_OF_THINGS = 16, (0.2, 1.0)
 NAMES = names_in_scenes() | {
     "wall",
     "floor",
@@ -65,7 +66,9 @@ def compose(scene: Composition) -> None:
     surroundings.add(depth_ratio)
     middle = np.array([0.0, 0.55 * depth_ratio, 0.3])
     open_side = math.copysign(1.0, surroundings.yaw)
-    lighting.one_kind(scene, scene.rng("light"), middle, 0.42 * depth_ratio, open_side)
+    outdoors = math.isfinite(scene.skyline())
+    radius = 0.42 * depth_ratio
+    lighting.one_kind(scene, scene.rng("light"), middle, radius, open_side, outdoors)
 
 
 def _add_charts(scene: Composition, depth_ratio: float, behind: Float) -> None:
@@ -77,7 +80,7 @@ def _add_charts(scene: Composition, depth_ratio: float, behind: Float) -> None:
     steps = (np.arange(count) + scene.rng("steps").uniform(0.1, 0.9, count)) / count
     depths = 1 / (1 + (1 / (0.88 * depth_ratio) - 1) * steps)
     taken = [behind]
-    turn_deg = float(scene.rng("turn").uniform(8, 45))
+    turn_deg = float(scene.rng("turn").uniform(8, 70))
     for index, depth in enumerate(depths.tolist()):
         place = scene.rng("place", index)
         name = weighted(place, list(BODIES), _WEIGHTS)
@@ -99,7 +102,8 @@ def _add_things(scene: Composition, count: int, taken: list[Float], far: float) 
         depth = 1 / rng.uniform(1 / far, 1 / (_NEAREST + 0.2 * size))
         return scene.view.at(rng.uniform(-1, 1), 0.0, depth)[:2]
 
-    ground.scatter("things", things_for("floor"), count, place, _SIZES_OF_THINGS)
+    names = *things_for("floor"), *things_for("outdoors")
+    ground.scatter("things", names, count, place, _SIZES_OF_THINGS)
 
 
 def _free_pose(
@@ -115,7 +119,7 @@ def _free_pose(
     for attempt in range(_TRIES):
         side = (-1) ** (index + attempt) * rng.uniform(0.05, 0.95)
         on_floor = view.at(side, 0.0, depth) * [1, 1, 0]
-        turn_deg = np.clip(rng.normal(0, turn_sd_deg), -70, 70)
+        turn_deg = np.clip(rng.normal(0, turn_sd_deg), -78, 78)
         pose = translation(on_floor) @ rotation([0, 0, 1], turn_deg)
         points = transform_points(pose, mesh.vertices)
         footprint = outline(points[:, :2])
@@ -273,7 +277,11 @@ class _Surroundings:
         grazing = math.cos(self.yaw) - 1.2 * view.half[0] * abs(math.sin(self.yaw))
         wide = 2.2 * view.covered(distance)[0] / max(grazing, 0.25)
         middle = np.array([0.0, distance, 0.0])
-        up = np.array([0, 0, 1.6 * view.covered(distance)[1] / max(grazing, 0.25) + 1])
+        height = 1.6 * view.covered(distance)[1] / max(grazing, 0.25) + 1
+        skyline = self.scene.skyline()
+        if math.isfinite(skyline):
+            height = max(float(view.at(0.0, skyline, distance)[2]), _LOWEST)
+        up = np.array([0, 0, height])
         wall = Sheet(middle - 0.5 * wide * along, wide * along, up)
         deep = distance + 0.5 * wide * abs(math.sin(self.yaw)) + 0.2
         corner = np.array([-wide / 2, -0.2, 0.0])

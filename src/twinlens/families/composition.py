@@ -27,6 +27,8 @@ from twinlens.seeds import generator
 Triangles = tuple[Float, NDArray[np.uint32]]
 """Vertices (V, 3) in the world, and faces (F, 3)."""
 
+_SHARES = 0.05, 0.25  # of the picture's width: the largest disparity
+_OPEN_AIR = 0.35  # share of the scenes with sky above the wall, where a family has both
 _NEAR = 1e-3  # metres: triangles are clipped at this depth
 
 
@@ -182,8 +184,17 @@ class Composition:
     lights: dict[str, Plugin] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.count = int(self.rng("count").integers(self.counts[0], self.counts[1] + 1))
+        self.count = self._draw_count()
         self.palette = one_of(self.rng("palette"), PALETTES)
+
+    def _draw_count(self) -> int:
+        """A number of objects: uniform in half of the scenes, of uniform logarithm in the others, which are sparser."""
+        least, most = self.counts
+        rng = self.rng("count")
+        if rng.random() < 0.5:
+            return int(rng.integers(least, most + 1))
+        lowest = max(least, 0.7)  # 0 has no logarithm
+        return int(np.clip(int(log_uniform(rng, lowest, most + 1.0)), least, most))
 
     def rng(self, *part: str | int) -> Rng:
         """The random stream of one part of the scene, independent of all others."""
@@ -197,9 +208,9 @@ class Composition:
         return log_uniform(self.rng("depth"), low, high)
 
     def look(self, eye: Float, target: Float, fov_x_deg: float) -> None:
-        """Set the view from `eye` to `target`; most cameras are nearly level, a quarter are held by hand."""
+        """Set the view from `eye` to `target`; most cameras are nearly level, two of five are held by hand."""
         rng = self.rng("roll")
-        is_held = rng.random() < 0.25
+        is_held = rng.random() < 0.4
         roll_deg = rng.uniform(-14, 14) if is_held else rng.normal(0, 0.8)
         pose = look_at(eye, target) @ rotation([0, 0, 1], roll_deg)
         self.view = Viewpoint(pose, float(fov_x_deg), self.aspect, self.width_px)
@@ -215,7 +226,14 @@ class Composition:
         # In the picture at x, in units of the focal length, 1/depth is proportional to 1 - x tan(yaw).
         share = max(1.0, depth_ratio / 1.4)
         most = (share - 1) / (share + 1) / self.view.half[0]
-        return side * math.atan(float(rng.random()) ** 2 * most)
+        return side * math.atan(float(rng.random()) * most)
+
+    def skyline(self) -> float:
+        """Where in the picture the wall behind the scene ends, from -1 at its top to 1; -inf where it has no end."""
+        rng = self.rng("skyline")
+        if rng.random() >= _OPEN_AIR:
+            return -math.inf
+        return float(rng.uniform(-0.9, 0.2))
 
     def add(
         self,
@@ -319,7 +337,7 @@ class Composition:
     def scene(self, about: str) -> Scene:
         """The scene, scaled to the requested nearest depth about the camera's centre, which changes no pixel.
 
-        The baseline gives the nearest point a disparity of 3% to 17% of the picture's width.
+        The baseline gives the nearest point a disparity of 5% to 25% of the picture's width.
         """
         objects, view = self.objects, self.view
         near, far = self.visible_range()
@@ -328,7 +346,7 @@ class Composition:
             about_eye = similarity(np.eye(3), (1 - scale) * view.eye, scale)
             objects = [_moved(item, about_eye) for item in objects]
             near, far = near * scale, far * scale
-        share = self.rng("baseline").uniform(0.03, 0.17)
+        share = log_uniform(self.rng("baseline"), *_SHARES)
         return Scene(
             name=self.name,
             objects=tuple(objects),

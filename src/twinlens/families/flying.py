@@ -102,11 +102,9 @@ def _draw_models(scene: Composition) -> "list[_Model | None]":
     Many scenes have bodies alone; in the others the share of things is uniform.
     """
     rng = scene.rng("things")
-    assets = scene.assets
-    has_none = rng.random() < _WITHOUT_THINGS or (
-        assets.meshes and assets.mesh_share >= 1
-    )
-    share = 0.0 if has_none else rng.random()
+    share = 0.0
+    if rng.random() >= _WITHOUT_THINGS:
+        share = scene.assets.share_of_ours * float(rng.random()) ** 0.6
     is_thing = rng.random(scene.count) < share
     number = max(1, math.ceil(is_thing.sum() / log_uniform(rng, 1.0, 4.0)))
     names = tuple(THINGS)

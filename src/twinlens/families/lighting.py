@@ -97,14 +97,21 @@ def user_environment(scene: Composition, rng: Rng) -> bool:
 
 
 def one_kind(
-    scene: Composition, rng: Rng, middle: Float, radius: float, side: float = 0.0
+    scene: Composition,
+    rng: Rng,
+    middle: Float,
+    radius: float,
+    side: float = 0.0,
+    outdoors: bool = False,
 ) -> None:
     """Light around `middle`, metres, of a kind drawn once for a scene: hard or soft, even or with dark parts.
 
-    The camera looks from -y. side : of the main light, -1 for -x, 1 for +x; 0 draws it.
+    The camera looks from -y. side : of the main light, -1 for -x, 1 for +x; 0 draws it. outdoors : only kinds with a
+    sky that may be seen.
     """
-    kinds = [kind for kind, _ in KINDS]
-    shares = [share for _, share in KINDS]
+    listed = [row for row in KINDS if not outdoors or row[0] in _OUTDOORS]
+    kinds = [kind for kind, _ in listed]
+    shares = [share for _, share in listed]
     light = weighted(rng, kinds, shares)
     drawn = one_of(rng, [-1.0, 1.0])
     light(scene, rng, middle, radius, side or drawn)
@@ -206,6 +213,7 @@ KINDS: tuple[tuple[Light, float], ...] = (
     (one_lamp, 0.22),
 )
 """Kinds of light and their shares of the scenes."""
+_OUTDOORS = (daylight, overcast)
 NAMES = frozenset(("sun", "key-light", "fill-light"))
 """Names of the lamps that they add."""
 

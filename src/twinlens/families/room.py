@@ -37,7 +37,8 @@ from twinlens.scenes.stable_poses import gap
 _SMALL = ("vase", "bottle", "bowl", "cup", "jar", "tin", "candle", "book", "book", "carton", "ball", "pebble", "knot",
           "plate", "blob", "superquadric", "goblet", "crystal", "ring")  # fmt: skip
 _SIDES = ("back", "left", "right")
-_MOST_ON_FLOOR, _MOST_ON_SHELF = 16, 4  # things
+_MOST_ON_FLOOR, _MOST_ON_SHELF = 24, 6  # things
+_BESIDE_WALL = 0.45  # share of the cameras
 _OFF_WALLS = 0.25  # metres: in front of window sills and curtains
 _LEAST_SIZE = 0.1  # metres, of a thing on a shelf
 
@@ -66,8 +67,9 @@ def compose(scene: Composition) -> None:
     )
     plan = _FloorPlan(scene, shell, _set_view(scene, shell))
     plan.place_in_front()
+    furnished = min(1.0, 1.5 * scene.rng("furnished").random())  # rooms may be bare
     for side, most in zip(_SIDES, (5, 3, 3), strict=True):
-        plan.place_along(side, most)
+        plan.place_along(side, round(furnished * most))
     plan.place_in_the_middle()
     _add_shell(scene, shell)
     _add_windows(scene, shell, plan)
@@ -136,14 +138,23 @@ class Shell:
 
 
 def _set_view(scene: Composition, shell: Shell) -> float:
-    """Look from eye height near the open end, narrow enough for the depth ratio; returns the nearest depth."""
+    """Look from eye height near the open end, narrow enough for the depth ratio; returns the nearest depth.
+
+    Some cameras are close to a side wall, which they see at a grazing angle.
+    """
     rng = scene.rng("view")
     x = rng.uniform(-0.3, 0.3) * shell.width
+    beside = scene.rng("beside")
+    is_beside = beside.random() < _BESIDE_WALL
+    if is_beside:
+        x = math.copysign(0.5 * shell.width - beside.uniform(0.3, 0.6), x)
     y = shell.front + rng.uniform(0.25, 0.5)
     eye = np.array([x, y, rng.uniform(0.7, 1.9)])
     # To the back wall, or past it to the side wall that is farther away.
     aside = -math.copysign(0.5 * shell.width, x)
     aim = -0.6 * x + rng.uniform(-0.4, 0.4) + aside * scene.rng("aside").random() ** 2
+    if is_beside:
+        aim = x - math.copysign(beside.uniform(-0.3, 0.8), x)
     target = np.array([aim, shell.back, rng.uniform(0.4, 1.1)])
     scene.look(eye, target, rng.uniform(50, 63))
     depth_ratio = scene.depth_ratio(3.2, 6.0)
@@ -524,8 +535,10 @@ def _light(scene: Composition, shell: Shell) -> None:
     rng = scene.rng("light")
     if rng.random() < 0.8:
         _add_ceiling_lamp(scene, rng, shell)
-    # On the side wall that the camera looks away from.
+    # On the side wall that the camera looks away from, or on the other one if that is before its eyes.
     near = 1.0 if scene.view.eye[0] > 0 else -1.0
+    if abs(scene.view.eye[0]) > 0.33 * shell.width:
+        near = -near
     x = near * (shell.width / 2 - 0.02)
     place = np.array([x, shell.front + 0.55, 0.55 * shell.height])
     size = np.array([1.1, 0.7 * shell.height])

@@ -28,7 +28,8 @@ from twinlens.scenes.stable_poses import StablePose
 _TABLE_HEIGHT = 0.74  # metres, of the table's top above the floor
 _THICKNESS = 0.035  # metres, of the table's top
 _NARROWEST_DEG = 12  # the field of view is not narrowed below it
-_MOST_THINGS = 12  # on a table
+_MOST_THINGS = 20  # on a table
+_LOWEST = 0.03  # metres above the table, of the end of a wall below the sky
 _TABLE_FINISHES = ("matte", "satin", "satin", "clearcoat")
 _PATTERNS = {"table": (TOPS, 0.8), "wall": (WALLS, 0.45), "floor": (FLOORS, 0.6)}
 """The patterns of each surface, and the contrast of their colours."""
@@ -58,7 +59,8 @@ def _light(scene: Composition, half: float, side: float) -> None:
     wants_user_environment = bool(scene.assets.hdris) and rng.random() < 0.6
     if wants_user_environment and lighting.user_environment(scene, rng):
         return
-    lighting.one_kind(scene, rng, np.array([0.0, 0.0, 0.1]), half, side)
+    middle, outdoors = np.array([0.0, 0.0, 0.1]), math.isfinite(scene.skyline())
+    lighting.one_kind(scene, rng, middle, half, side, outdoors)
 
 
 def _set_view(scene: Composition, depth_ratio: float) -> None:
@@ -160,6 +162,7 @@ class _Surroundings:
     yaw : of the wall about the vertical, radians; positive where its right is farther.
     behind : along the wall's normal, just behind the hindmost body.
     edge_y : of the far edge of the table; None where the table reaches the wall.
+    skyline : see `Composition.skyline`.
     """
 
     view: Viewpoint
@@ -168,6 +171,7 @@ class _Surroundings:
     behind: float
     edge_y: float | None
     table_half: float
+    skyline: float
 
     @staticmethod
     def draw(scene: Composition, half: float, yaw: float) -> "_Surroundings":
@@ -184,7 +188,9 @@ class _Surroundings:
         edge_y = behind_y + rng.uniform(0.03, 0.25) if has_edge else None
         table_half = half * rng.uniform(1.6, 3.0)
         camera_y = float(scene.view.eye[1])
-        return _Surroundings(scene.view, camera_y, yaw, behind, edge_y, table_half)
+        return _Surroundings(
+            scene.view, camera_y, yaw, behind, edge_y, table_half, scene.skyline()
+        )
 
     def sheets(self, distance: float) -> dict[str, Sheet]:
         """The rectangles by name, with the wall `distance` metres from the camera but behind all bodies."""
@@ -196,6 +202,9 @@ class _Surroundings:
         grazing = max(cos - 1.2 * self.view.half[0] * abs(sin), 0.25)
         width = max(2.0 * covered_width, 2.2 * self.table_half) / grazing
         height = 1.2 * covered_height / grazing + 1.0 + _TABLE_HEIGHT
+        if math.isfinite(self.skyline):
+            top = float(self.view.at(0.0, self.skyline, distance)[2])
+            height = max(top, _LOWEST) + _TABLE_HEIGHT
         deepest_y = wall_y + 0.5 * width * abs(sin)
         # A table or floor ends behind the wall, which hides the rest.
         table_y = deepest_y if self.edge_y is None else self.edge_y

@@ -14,7 +14,7 @@ from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng
 from twinlens.families.furniture import Piece
 from twinlens.families.materials import furniture_material
-from twinlens.families.things import plants, seats, wheels
+from twinlens.families.things import lattices, plants, seats, sheets, wheels
 from twinlens.geometry import Float
 
 
@@ -50,6 +50,37 @@ THINGS: dict[str, Thing] = {
         ("table", "floor", "outdoors"),
         ("tire", "rim", "hub", "stand"),
         wheels.spoked_wheel,
+    ),
+    "stool": Thing((0.4, 0.8), ("floor",), ("legs", "ring", "seat"), seats.stool),
+    "bicycle": Thing(
+        (1.5, 1.9),
+        ("floor", "outdoors"),
+        ("frame", "metal", "tires", "saddle"),
+        wheels.bicycle,
+    ),
+    "fence": Thing((1.5, 3.1), ("outdoors",), ("pickets", "posts"), lattices.fence),
+    "grille": Thing(
+        (0.5, 1.31), ("table", "floor", "outdoors"), ("bars", "frame"), lattices.grille
+    ),
+    "steps": Thing(
+        (1.2, 3.6),
+        ("floor", "outdoors"),
+        ("treads", "strings", "rails"),
+        lattices.steps,
+    ),
+    "tripod": Thing(
+        (0.4, 1.65), ("floor", "outdoors"), ("legs", "braces", "head"), lattices.tripod
+    ),
+    "desk-lamp": Thing(
+        (0.35, 0.95), ("table",), ("stand", "shade", "cable"), lattices.desk_lamp
+    ),
+    "basket": Thing((0.19, 0.5), ("table", "floor"), ("weave", "rim"), lattices.basket),
+    "hung-cloth": Thing(
+        (0.6, 1.5), ("floor", "outdoors"), ("cloth", "rod"), sheets.hung_cloth
+    ),
+    "leaning-books": Thing((0.19, 0.6), ("table",), ("book",), sheets.leaning_books),
+    "toy-wagon": Thing(
+        (0.12, 0.3), ("table", "floor"), ("bed", "wheels", "load"), sheets.toy_wagon
     ),
 }
 

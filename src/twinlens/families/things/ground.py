@@ -24,6 +24,7 @@ _LAYERS = 8  # of a thing
 _LIFT = 1e-4  # metres above the ground: no two surfaces coincide
 _TRIES = 40  # random places of a thing before it is left out
 _WITHOUT = 0.35  # share of the scenes that have no things
+_THICKETS = 0.2  # share of the scenes that have as many as there may be
 _ALIKE = 5.0  # at most, copies of one model on average
 
 Footprint = Callable[[Rng, float], Float]
@@ -150,16 +151,16 @@ class Ground:
 
 
 def spread_count(scene: Composition, part: str, most: int) -> int:
-    """How many things a part of a scene has: none in many scenes, else 1 to `most` with a uniform logarithm."""
+    """How many things a part of a scene has: none in many scenes, `most` in some, else of a uniform logarithm."""
     rng = scene.rng(part, "count")
-    if rng.random() < _WITHOUT or most < 1:
+    kind = rng.random()
+    if kind < _WITHOUT or most < 1:
         return 0
+    if kind > 1 - _THICKETS:
+        return most
     return min(most, int(log_uniform(rng, 1.0, most + 1.0)))
 
 
 def count_among_bodies(scene: Composition, part: str, most: int) -> int:
-    """How many of at most `most` bodies are things; none where all are meshes of the user."""
-    assets = scene.assets
-    if assets.meshes and assets.mesh_share >= 1:
-        return 0
-    return spread_count(scene, part, most)
+    """How many of at most `most` bodies are things; the share that the user's meshes have is left to them."""
+    return spread_count(scene, part, round(scene.assets.share_of_ours * most))

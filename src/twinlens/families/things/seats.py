@@ -7,7 +7,7 @@ import numpy as np
 from twinlens.families.draws import Rng, one_of
 from twinlens.families.furniture import Piece, board
 from twinlens.families.things.pieces import Part, standing
-from twinlens.families.things.sweeps import arc, tube, tubes
+from twinlens.families.things.sweeps import arc, circle, tube, tubes
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.scene import Mesh
@@ -69,3 +69,24 @@ def _bars(
     line = np.column_stack([np.zeros(5), y, heights])
     paths = line + x[:, None, None] * np.array([1.0, 0, 0])
     return tubes(paths, rng.uniform(0.004, 0.007), 8)
+
+
+def stool(rng: Rng) -> Piece:
+    """A stool of 0.42 to 0.8 m with three or four slanted legs and a ring between them."""
+    tall, radius = rng.uniform(0.42, 0.78), rng.uniform(0.13, 0.18)
+    thin, count = rng.uniform(0.008, 0.014), int(rng.integers(3, 5))
+    angle = 2 * np.pi * np.arange(count) / count + rng.uniform(0, 2)
+    way = np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=-1)
+    foot, top = 1.25 * radius * way, 0.75 * radius * way + [0, 0, tall - 0.03]
+    legs = tubes(np.stack([foot, top], axis=1), [thin, thin], 10)
+    share = 0.3
+    between = 1.25 * radius + share * (0.75 - 1.25) * radius
+    ring = tube(circle(between, 40, share * (tall - 0.03)), 0.6 * thin, 8, closed=True)
+    seat = tube([[0, 0, tall - 0.035], [0, 0, tall]], radius, 40)
+    word = one_of(rng, ["wood", "metal", "paint"])
+    return standing(
+        "stool",
+        Part("legs", legs, word),
+        Part("ring", ring, "metal"),
+        Part("seat", seat, one_of(rng, ["wood", word])),
+    )
