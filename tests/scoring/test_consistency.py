@@ -307,6 +307,15 @@ def test_a_failure_on_the_mirrored_images_keeps_the_map_of_the_left_view():
     assert np.isnan(measured.value("all", "confirmed"))
     again = board_from_json(board_to_json(board))
     assert again.find("half", "seeing", "consistency").ok
+    # The mended method is run again only where failures are asked for.
+    fixed = FailsMirrored()
+    fixed.match = lambda left, right, **search: flat(SHIFT)
+    for retry, share in ((False, math.nan), (True, 100.0)):
+        options = {"protocol": protocols, "board": again, "retry_failed": retry}
+        later, _ = board_of([pair], [fixed], **options)
+        entry = later.find("half", "seeing", "consistency")
+        consistent = entry.value("all", "lr_consistent")
+        assert consistent == pytest.approx(share, nan_ok=True)
 
 
 def test_objects_without_truth_are_samples():

@@ -1,6 +1,7 @@
 """`run_benchmark`: methods x samples -> a `Board`, resumable. A match is one method on one sample."""
 
 import itertools
+import math
 import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
@@ -277,6 +278,8 @@ class _Run:
             return False
         if not entry.ok:
             return not self.retry_failed
+        if self.retry_failed and _failed_mirrored(entry):
+            return False
         return entry.regions.keys() >= self.masks.keys()
 
     def _without_stale(self, method: Method | Submission) -> Board:
@@ -382,3 +385,11 @@ class _Run:
             calibration=sample.calibration,
             confidence=confidence,
         )
+
+
+def _failed_mirrored(entry: Entry) -> bool:
+    """Whether an entry lacks the measures of the right view: its match failed on the mirrored images."""
+    if PROTOCOLS[entry.protocol].needs_truth:
+        return False
+    shares = [entry.value(region, "lr_consistent") for region in entry.regions]
+    return all(map(math.isnan, shares))
