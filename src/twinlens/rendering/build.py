@@ -118,9 +118,10 @@ def build(scene: Scene, frame: SceneFrame = WORLD) -> BuiltScene:
 
 
 def build_moved(scene: Scene, before: Scene, frame: SceneFrame = WORLD) -> BuiltScene:
-    """The built scene of `before`, whose objects take the poses that they have in `scene`, where these are all that
-    differs. Nothing is loaded again. What was built in any frame then belongs to `scene`; `before` would be built
-    again.
+    """The built scene of `before`, whose objects take the poses that they have in `scene`.
+
+    The scenes must differ in these poses alone. Nothing is loaded again. What was built in any frame then belongs to
+    `scene`, and `before` would be built again.
 
     Raises InputError where the scenes differ in more than poses, and for Mitsuba files.
     """
