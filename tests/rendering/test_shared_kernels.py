@@ -18,14 +18,14 @@ from pathlib import Path
 import twinlens as tl
 from twinlens.families import random_scene
 from twinlens.rendering import forget_kernels, share_kernels
-from twinlens.rendering.build import build
+from twinlens.rendering.framing import built_for
 if sys.argv[1] == "shared":
     share_kernels()
 cache, rows = Path(os.environ["DRJIT_CACHE_DIR"]), []
 for family, seed in json.loads(sys.argv[2]):
     scene = random_scene(family, seed, width=64)
     rig = tl.Rig([tl.Camera.from_fov(32, 24, fov_x_deg=50)], [scene.world_from_left])
-    build(scene)
+    built_for(scene, rig)
     before = set(cache.glob("*.bin"))
     images = tl.render(scene, rig, tl.ThinLens(0.02, 2.0), spp=1)
     large = [file for file in set(cache.glob("*.bin")) - before if file.stat().st_size > 20_000]

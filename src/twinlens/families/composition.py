@@ -267,11 +267,10 @@ class Composition:
         surfaces: Iterable[tuple[str, Mesh, Material]],
         poses: Sequence[Float],
     ) -> None:
-        """Add one object of surfaces: names, meshes, materials. Copies at several poses share its mesh.
+        """Add an object of surfaces (name, mesh, material) at each pose; they share a mesh and materials.
 
         A material is named after the object and its surface, a number that makes it unique at the end.
         """
-        unique = self._free_name(name)
         meshes, words = [], []
         for number, (label, mesh, material) in enumerate(surfaces):
             mesh, material = _with_plain_texture(mesh, material)
@@ -281,12 +280,13 @@ class Composition:
             surface = np.full(len(mesh.faces), number, dtype=np.uint16)
             meshes.append(replace(mesh, surface=surface))
         whole = merged(meshes)
-        pose = np.asarray(poses[0], dtype=np.float64)
-        instances = tuple(poses) if len(poses) > 1 else ()
-        placed = np.eye(4) if instances else pose
-        made = SceneObject(unique, whole, tuple(words), placed, instances=instances)
-        self.objects.append(made)
-        for world_from_mesh in poses:
+        # Not instances: Mitsuba compiles functions of its own for each of these, meshes share theirs.
+        for pose in poses:
+            world_from_mesh = np.asarray(pose, dtype=np.float64)
+            made = SceneObject(
+                self._free_name(name), whole, tuple(words), world_from_mesh
+            )
+            self.objects.append(made)
             vertices = transform_points(world_from_mesh, whole.vertices)
             self.triangles.append((vertices, whole.faces))
 
@@ -377,10 +377,7 @@ class Family:
 
 
 def _moved(item: SceneObject, pose: Float) -> SceneObject:
-    """An object, or all its copies, moved by a pose (4, 4) of the world."""
-    if item.instances:
-        instances = tuple(pose @ instance for instance in item.instances)
-        return replace(item, instances=instances)
+    """An object moved by a pose (4, 4) of the world."""
     return replace(item, world_from_object=pose @ item.world_from_object)
 
 

@@ -178,10 +178,11 @@ def overcast(
     scene: Composition, rng: Rng, middle: Float, radius: float, side: float
 ) -> None:
     """A covered sky, three times as bright at the zenith as at the horizon, without shadows (CIE, Moon and Spencer)."""
-    elevation, _ = _directions(64)
+    # As high as clear skies: kernels depend on the height, and scenes share them.
+    elevation, _ = _directions(256)
     dome = (1 + 2 * np.maximum(np.sin(elevation), 0)) / 3
     tone = one_of(rng, [COOL, NEUTRAL])
-    pixels = np.broadcast_to(dome[..., None] * tone, (32, 64, 3))
+    pixels = np.broadcast_to(dome[..., None] * tone, (128, 256, 3))
     environment(scene, np.asarray(pixels, dtype=np.float32), weight=1.0)
 
 

@@ -1,7 +1,7 @@
 """Things with fine and slanted geometry: one table, and how a thing is added to a scene.
 
 A thing is a `Piece` of closed parts and thin sheets with real sizes. In a scene it is one object with one id: its parts
-are surfaces of one mesh. Copies of a thing share that mesh.
+are surfaces of one mesh. Copies of a thing are objects with the same mesh and materials.
 """
 
 from collections.abc import Callable, Sequence
