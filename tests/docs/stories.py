@@ -156,7 +156,7 @@ def reconstruction(folder: Path) -> None:
 
 def calibration(folder: Path) -> None:
     """The calibration file of the page."""
-    ((_, text),) = blocks(DOCS / "rigs.md", "yaml")
+    ((_, text),) = blocks(DOCS / "rigs.md", "text")
     (folder / "stereo.yml").write_text(text)
 
 
