@@ -50,6 +50,20 @@ def test_symmetric_bounded_and_extreme_for_equal_windows(name, windows):
     assert same == (pytest.approx(1) if structure[name] else 0)
 
 
+@pytest.mark.parametrize("name", ["zsad", "zssd", "zncc"])
+@given(windows=PAIRS, offset=st.integers(-50, 50))
+def test_blind_to_offset(name, windows, offset):
+    measure, (a, b) = getattr(tm, name), windows
+    assert measure(a, b + offset) == pytest.approx(measure(a, b), abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["ncc", "zncc"])
+@given(windows=PAIRS, gain=st.floats(0.1, 10))
+def test_blind_to_gain(name, windows, gain):
+    measure, (a, b) = getattr(tm, name), windows
+    assert measure(a, b * gain) == pytest.approx(measure(a, b), abs=1e-9)
+
+
 @given(windows=PAIRS)
 def test_zncc_is_pearsons_correlation(windows):
     a, b = windows.reshape(2, -1)

@@ -5,6 +5,7 @@ import math
 import cv2
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from tests.sensor.flat_fields import (
     CAMERA,
@@ -128,6 +129,13 @@ def test_blur_has_its_standard_deviation_and_conserves_light():
             v, u = np.mgrid[:64, :96]
             assert (light * (u - 50) ** 2).sum() == pytest.approx(1.5**2, rel=0.02)
             assert (light * (v - 30) ** 2).sum() == pytest.approx(1.5**2, rel=0.02)
+
+
+def test_an_edge_is_blurred_as_the_normal_distribution():
+    _, right = pair(QUIET, black_beside_white(), exposure=0.9, blur_px=4.0)
+    distance = np.arange(20, 76) - 47.5
+    expected = 0.9 * ndtr(distance / 4.0)
+    assert right[32, 20:76, 1] == pytest.approx(expected, abs=0.004)
 
 
 def test_blur_comes_before_the_noise():
