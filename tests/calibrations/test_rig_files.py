@@ -263,6 +263,19 @@ def test_rotations_of_few_digits_are_made_orthonormal(tmp_path, decimals):
         assert np.abs(pose[:3, :3] - turn).max() < 1.5 * 10.0**-decimals
 
 
+@pytest.mark.parametrize("form", ["{:.3g}", "{:.4g}", "{:.5g}", "{:g}", "{:.4e}"])
+def test_rotations_of_few_significant_digits_are_made_orthonormal(form):
+    """As C++ streams (six significant digits), MATLAB and %g print them: small entries have more decimals."""
+    rng = np.random.default_rng(7)
+    for turn in Rotation.from_rotvec(0.06 * rng.normal(size=(200, 3))).as_matrix():
+        written = [[float(form.format(value)) for value in row] for row in turn]
+        pose = geometry.check_rigid(geometry_of(written), "pose")
+        assert np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-12)
+        # Rounding moves an entry by half a unit of its last digit, at most 5 of the digit after it.
+        digits = {"{:.3g}": 3, "{:.4g}": 4, "{:.5g}": 5, "{:g}": 6, "{:.4e}": 5}[form]
+        assert np.abs(pose[:3, :3] - turn).max() < 1.5 * 10.0**-digits
+
+
 def geometry_of(rotation):
     pose = np.eye(4)
     pose[:3, :3] = rotation
@@ -275,6 +288,8 @@ def test_a_rotation_that_its_digits_do_not_explain_is_refused_with_the_figure():
         (np.round(turn, 2), "differ from orthonormal ones by"),
         (np.round(turn, 5) * 1.001, "by 0.002, more than the"),
         (turn * 1.001, "by 0.002, more than the 1e-06"),
+        # Four significant digits round 0.9397 by 0.00005 at most.
+        (np.round(turn + np.diag([0, 4e-4, 0]), 4), "more than the 0.0002 that"),
         (np.diag([1.0, 1.0, -1.0]), "mirror image"),
     ):
         with pytest.raises(InputError, match=says):

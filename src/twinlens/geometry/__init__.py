@@ -20,7 +20,7 @@ from twinlens.errors import InputError
 Float = NDArray[np.float64]
 
 _ROTATION_TOLERANCE = 1e-6  # a matrix written with seven digits is accepted
-_FEWEST_DECIMALS = 3  # of a matrix that may be taken for a rounded rotation
+_FEWEST_DIGITS = 3  # of a matrix that may be taken for a rounded rotation
 _ROUNDING = 1e-13  # products of exact rotations deviate by less
 _BORDER_POINTS = 33  # per side of an image
 _BLOCK = (
@@ -88,16 +88,43 @@ more than the 1e-06 that rounding explains
 
 
 def _explained_by_digits(rotation: Float) -> float:
-    """The largest entry of R R^T - I that rounding a rotation to its decimals can cause; 0 for two decimals or fewer.
+    """The largest entry of R R^T - I that rounding a rotation to its digits can cause; 0 for two digits or fewer.
 
-    With the error h of an entry, a product of two rows differs by at most 2 h sum |r| + 3 h^2, and sum |r| <= sqrt(3).
+    Programs round to a number of decimals, or of significant digits, in which small entries have more decimals. Which
+    of the two a file has is not known: the larger result counts.
     """
-    entries = [Decimal(repr(value)).normalize() for value in rotation.ravel().tolist()]
-    decimals = max(-int(entry.as_tuple().exponent) for entry in entries)
-    if decimals < _FEWEST_DECIMALS:
-        return 0.0
-    h = 0.5 * 10.0**-decimals
-    return 2 * h * math.sqrt(3) + 3 * h**2
+    by_entry = [_digits(value) for value in rotation.ravel().tolist()]
+    decimals = max(decimals for decimals, _ in by_entry)
+    significant = max(significant for _, significant in by_entry)
+    explained = 0.0
+    if decimals >= _FEWEST_DIGITS:
+        h = 0.5 * 10.0**-decimals
+        explained = 2 * h * math.sqrt(3) + 3 * h**2
+    if significant >= _FEWEST_DIGITS:
+        # 0.05 is 5e-2: its step with three significant digits is 1e-4. An entry of 1 may have been 0.9996.
+        size = np.clip(np.abs(rotation), np.finfo(float).tiny, 0.99)
+        steps = 10.0 ** (np.floor(np.log10(size)) + 1 - significant)
+        steps[rotation == 0] = 0.0
+        explained = max(explained, _deviation(rotation, 0.5 * steps))
+    return explained
+
+
+def _digits(value: float) -> tuple[int, int]:
+    """The decimals and the significant digits of a number as it is written.
+
+    >>> _digits(-0.0125), _digits(1.0), _digits(0.0)
+    ((4, 3), (0, 1), (0, 1))
+    """
+    written = Decimal(repr(value)).normalize().as_tuple()
+    return -int(written.exponent), len(written.digits)
+
+
+def _deviation(rotation: Float, errors: Float) -> float:
+    """The largest entry of R R^T - I where each entry of R is wrong by up to `errors`, all (3, 3)."""
+    size = np.abs(rotation)
+    # (R + E)(R + E)^T = I + R E^T + E R^T + E E^T
+    one_sided = size @ errors.T
+    return float((one_sided + one_sided.T + errors @ errors.T).max())
 
 
 def inverse(b_from_a: ArrayLike) -> Float:
