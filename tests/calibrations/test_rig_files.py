@@ -393,7 +393,7 @@ def test_a_camera_angle_is_read_where_no_focal_length_is_given(tmp_path):
                 **SIZE,
                 "frames": [{**FRAME, "transform_matrix": (2 * np.eye(4)).tolist()}],
             },
-            "world_from_cams",
+            "transform_matrix must",
         ),
         (
             {**SIZE, "frames": [FRAME], "camera_model": "EQUIRECTANGULAR"},

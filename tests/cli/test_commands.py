@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 import twinlens as tl
@@ -121,6 +122,37 @@ def test_lists_name_everything_there_is(twinlens):
         assert preset.source in shown
     for camera in json.loads(twinlens("cameras", "--json")[1])["cameras"]:
         assert camera["baseline"] == CAMERAS[camera["name"]].baseline
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "half_deg"),
+    [
+        # cv2.fisheye: the angle is the distance from the centre over f where all k are 0.
+        ("fisheye = true", (np.degrees(64 / 60), np.degrees(48 / 60))),
+        ("fisheye = false", (np.degrees(np.arctan2(64, 60)), np.degrees(np.arctan2(48, 60)))),
+    ],
+)  # fmt: skip
+def test_cameras_prints_the_fields_of_view_of_a_fisheye(
+    twinlens, tmp_path, coefficients, half_deg
+):
+    """And reads the .toml file that it advises to write."""
+    matrix = "[[60, 0, 63.5], [0, 60, 47.5], [0, 0, 1]]"
+    (tmp_path / "stereo.yml").write_text(
+        f"image_width: 128\nimage_height: 96\nM1: {matrix}\nM2: {matrix}\nD1: [0, 0, 0, 0]\nD2: [0, 0, 0, 0]\n"
+        "R: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nT: [-0.1, 0, 0]\n"
+    )
+    path = tmp_path / "rig.toml"
+    path.write_text(f'file = "stereo.yml"\n{coefficients}\n')
+    code, out, err = twinlens("cameras", "--read", str(path), "--json")
+    assert code == 0, err
+    for camera in json.loads(out)["cameras"]:
+        assert camera["field_deg"] == pytest.approx([2 * half for half in half_deg])
+
+
+def test_a_size_without_a_file_is_refused(twinlens):
+    code, out, err = twinlens("cameras", "--size", "640x480")
+    assert (code, out) == (2, "")
+    assert "--read" in err
 
 
 def test_doctor_reports_a_missing_package(twinlens, monkeypatch):

@@ -1,23 +1,28 @@
 """A rig from a calibration file, whose program is recognised by what the file holds."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
-
-import numpy as np
 
 from twinlens.calibrations.rig_files import (
     FilePath,
     NamedRig,
+    has_size,
+    is_camera_info,
     read_colmap,
     read_kalibr,
     read_opencv,
     read_ros,
     read_transforms,
 )
+from twinlens.calibrations.rig_tables import (
+    LENGTH_UNITS,
+    named_files,
+    read_own,
+)
 from twinlens.calibrations.storages import read_storage
-from twinlens.camera import Camera, Rig
+from twinlens.camera import Rig
 from twinlens.errors import FileError, InputError
 
 COLMAP_FILES = ("cameras.txt", "images.txt")
@@ -26,9 +31,6 @@ FORMS = (
     "COLMAP's cameras.txt with images.txt, transforms.json"
 )
 """What `read_rig` reads."""
-
-LENGTH_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-"""Metres of each unit of length. Calibrations do not name theirs."""
 
 
 def read_rig(
@@ -40,14 +42,23 @@ def read_rig(
     """The rig in a calibration file of another program, or in two files that belong together.
 
     paths : one file; or two: intrinsics and extrinsics of OpenCV, left and right camera_info of ROS, cameras.txt and
-        images.txt of COLMAP. A folder stands for the two of COLMAP in it.
+        images.txt of COLMAP. A folder stands for the two of COLMAP in it. A .toml file is a rig's file of ours that
+        needs no scene: that of `write_rig`, or one that names a calibration file, with its length unit and model.
     length_unit : of the file's lengths.
-    size : (width, height) of the images, for a file of OpenCV without it.
+    size : (width, height) of the images, for a file of OpenCV or a transforms.json without it.
     fisheye : whether an OpenCV file, which does not state it, has the coefficients of `cv2.fisheye`.
 
     Poses are world_from_cam, where the world is the first camera's frame unless the file has one. Raises FileError for
     a file that is none of these, or not valid.
     """
+    own = [Path(path) for path in paths if Path(path).suffix.lower() == ".toml"]
+    if own and len(paths) > 1:
+        raise FileError(f"{own[0]}: a rig in a .toml file has no second file")
+    calibration = named_files(own[0]) if own else None
+    if calibration is not None:
+        inner, stated = calibration
+        settings: dict[str, Any] = {"length_unit": length_unit, "fisheye": fisheye}
+        return read_rig(*inner, size=size, **settings | stated)
     files = [file for path in paths for file in calibration_files(Path(path))]
     if not files:
         raise InputError("a rig needs a calibration file")
@@ -88,13 +99,15 @@ def _read(
         if len({file.parent for file in files}) > 1:
             raise FileError(f"{first}: cameras.txt and images.txt are in two folders")
         return read_colmap(first.parent)
+    if first.suffix.lower() == ".toml":
+        return NamedRig(*read_own(first))
     values = read_storage(first)
-    if "projection_matrix" in values or "camera_matrix" in values:
+    if "camera_matrix" in values or is_camera_info(values):
         return _ros_pair(files)
     if len(files) > 2:
         raise FileError(f"{files[2]}: a rig has at most two files")
     if "frames" in values:
-        return read_transforms(_only(files))
+        return read_transforms(_only(files), _size_unless_stored(values, size))
     if "cam0" in values:
         return read_kalibr(_only(files))
     if _has_cameras(values) or {"R", "T"} <= values.keys():
@@ -126,8 +139,16 @@ def _opencv_pair(
     """The pair of one file, or of two in either order, of which `first` are the values of the first."""
     if len(files) == 1:
         return read_opencv(files[0], _size_unless_stored(first, size), None, fisheye)
+    second = read_storage(files[1])
+    if _has_cameras(first) == _has_cameras(second):
+        raise FileError(
+            f"{files[1]}: of two files of OpenCV, one has the cameras (M1, M2) and the other R and T; "
+            f"{'both have' if _has_cameras(first) else 'none has'} cameras"
+        )
     intrinsics, extrinsics = files if _has_cameras(first) else reversed(files)
-    stored = read_storage(intrinsics)
+    stored = first if intrinsics is files[0] else second
+    if {"R", "T"} & stored.keys():
+        raise FileError(f"{intrinsics}: has R and T already; leave {extrinsics} out")
     size = _size_unless_stored(stored, size)
     return read_opencv(intrinsics, size, extrinsics, fisheye)
 
@@ -139,33 +160,4 @@ def _has_cameras(values: Mapping[str, Any]) -> bool:
 def _size_unless_stored(
     values: Mapping[str, Any], size: tuple[int, int] | None
 ) -> tuple[int, int] | None:
-    return None if {"size1", "image_width"} & values.keys() else size
-
-
-def rig_table(rig: Rig, poses: Literal["rig", "world"] = "rig") -> dict[str, Any]:
-    """The table of `rig` as a rig's file has it, with layout "cameras".
-
-    poses : "rig" gives poses relative to the first camera, which then stands where the rig's pose is; "world" gives
-        `world_from_cams` as they are.
-    """
-    placed = list(rig.world_from_cams)
-    if poses == "rig":
-        # b_from_a(0, 0) would differ from the identity by rounding.
-        placed = [np.eye(4), *(rig.b_from_a(i, 0) for i in range(1, len(rig)))]
-    key = f"{poses}_from_cam"
-    cameras = [
-        _camera_table(camera) | {key: pose.tolist()}
-        for camera, pose in zip(rig.cameras, placed, strict=True)
-    ]
-    return {"layout": "cameras", "cameras": cameras}
-
-
-def _camera_table(camera: Camera) -> dict[str, Any]:
-    names = ("width", "height", "fx", "fy", "cx", "cy")
-    table: dict[str, Any] = {name: getattr(camera, name) for name in names}
-    if camera.distortion is not None:
-        coefficients = {
-            name: value for name, value in asdict(camera.distortion).items() if value
-        }
-        table["distortion"] = {"model": camera.distortion.name, **coefficients}
-    return table
+    return None if has_size(values) else size

@@ -56,7 +56,7 @@ OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _NERF_NAMES = {
     *("frames", "file_path", "transform_matrix", "camera_model", "w", "h"),
     *("fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy"),
-    *("k1", "k2", "k3", "k4", "p1", "p2"),
+    *("k1", "k2", "k3", "k4", "p1", "p2", "is_fisheye"),
 }
 _NERF_MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE")
 
@@ -98,26 +98,42 @@ def read_colmap(folder: FilePath) -> NamedRig:
     return NamedRig(Rig([cameras[camera] for camera in used], poses), names)
 
 
-def read_transforms(path: FilePath) -> NamedRig:
-    """The rig of a transforms.json, in the order of its frames. Raises FileError."""
+def read_transforms(path: FilePath, size: tuple[int, int] | None = None) -> NamedRig:
+    """The rig of a transforms.json, in the order of its frames.
+
+    size : (width, height), for files without w and h. Raises FileError.
+    """
     text = read_text(Path(path))
+    where = ""
     try:
         table = json.loads(text)
         frames = table["frames"]
-        cameras = [_nerf_camera({**table, **frame}) for frame in frames]
-        poses = [
-            np.array(frame["transform_matrix"], dtype=np.float64) @ OPENGL
-            for frame in frames
-        ]
+        if size is not None:
+            table |= dict(zip(("w", "h"), size, strict=True))
+        cameras, poses, image_names = [], [], []
+        for i, frame in enumerate(frames):
+            where = f"frames[{i}]"
+            with located(where):
+                cameras.append(_nerf_camera(table, frame))
+                poses.append(_nerf_pose(frame))
+                image_names.append(str(frame["file_path"]))
         names = {name for keys in (table, *frames) for name in keys}
         warn_not_used(path, sorted(names - _NERF_NAMES))
-        return NamedRig(
-            Rig(cameras, poses), tuple(str(frame["file_path"]) for frame in frames)
-        )
+        return NamedRig(Rig(cameras, poses), tuple(image_names))
     except KeyError as error:
-        raise FileError(f"{path}: has no {error.args[0]}") from None
+        place = f"{where}: " if where else ""
+        raise FileError(f"{path}: {place}has no {error.args[0]}") from None
     except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
         raise FileError(f"{path}: not a valid transforms.json: {error}") from None
+
+
+def _nerf_pose(frame: Mapping[str, Any]) -> Float:
+    """world_from_cam of a frame. Its last row, 0 0 0 1, may be left out, as in nerfstudio's files."""
+    values = numbers(frame["transform_matrix"], "transform_matrix")
+    if len(values) == 12:
+        values = np.concatenate([values, [0.0, 0.0, 0.0, 1.0]])
+    pose = matrix(values, "transform_matrix", 4, 4) @ OPENGL
+    return check_rigid(pose, "transform_matrix")
 
 
 def read_opencv(
@@ -169,7 +185,7 @@ def read_ros(left: FilePath, right: FilePath) -> Rig:
     cameras, rectified_from_cam = [], []
     shift = np.zeros(3)
     for path in (left, right):
-        values = read_storage(Path(path))
+        values = _as_camera_info(read_storage(Path(path)))
         try:
             cameras.append(_ros_camera(values))
             rotation = matrix(
@@ -284,40 +300,69 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
     )
 
 
-def _nerf_camera(values: Mapping[str, Any]) -> Camera:
-    width, height = int(values["w"]), int(values["h"])
-
-    def focal_px(axis: str, size: int) -> float | None:
-        if f"fl_{axis}" in values:
-            return float(values[f"fl_{axis}"])
-        angle = values.get(f"camera_angle_{axis}")
-        return None if angle is None else 0.5 * size / math.tan(0.5 * float(angle))
-
-    fx, fy = focal_px("x", width), focal_px("y", height)
+def _nerf_camera(shared: Mapping[str, Any], frame: Any) -> Camera:
+    """The camera of a frame, whose keys replace those of all frames."""
+    if not isinstance(frame, Mapping):
+        raise InputError(f"must be a table, got {format_value(frame)}")
+    values = {**shared, **frame}
+    if not {"w", "h"} <= values.keys():
+        raise InputError(
+            "has no w and h, the size of its image, which --size or size= can state"
+        )
+    width, height = _size([values["w"], values["h"]], "w, h")
+    fx = _nerf_focal_px(values, "x", width)
     if fx is None:
         raise KeyError("fl_x")
-    fy = fx if fy is None else fy
-    cx, cy = (
-        float(values.get(name, size / 2)) - CORNER
-        for name, size in (("cx", width), ("cy", height))
-    )
-    is_fisheye = values.get("is_fisheye", False)
+    fy = _nerf_focal_px(values, "y", height)
+    cx = _number(values, "cx", width / 2) - CORNER
+    cy = _number(values, "cy", height / 2) - CORNER
+    distortion = _nerf_distortion(values)
+    return Camera(width, height, fx, fx if fy is None else fy, cx, cy, distortion)
+
+
+def _number(values: Mapping[str, Any], name: str, default: float = 0.0) -> float:
+    return float(numbers(values.get(name, default), name)[0])
+
+
+def _nerf_focal_px(values: Mapping[str, Any], axis: str, size: int) -> float | None:
+    """The focal length along an axis in pixels, None where neither it nor the field of view is there."""
+    if f"fl_{axis}" in values:
+        return _number(values, f"fl_{axis}")
+    if f"camera_angle_{axis}" not in values:
+        return None
+    return 0.5 * size / math.tan(0.5 * _number(values, f"camera_angle_{axis}"))
+
+
+def _nerf_distortion(values: Mapping[str, Any]) -> Distortion | None:
+    """The distortion by camera_model, or by is_fisheye in files without one."""
+    is_fisheye = bool(values.get("is_fisheye", False))
     model = values.get("camera_model", "OPENCV_FISHEYE" if is_fisheye else "OPENCV")
     if model not in _NERF_MODELS:
         raise InputError(
             f"camera_model must be one of {', '.join(_NERF_MODELS)}, got {model!r}"
         )
-    k1, k2, k3, k4, p1, p2 = (
-        float(values.get(name, 0.0)) for name in ("k1", "k2", "k3", "k4", "p1", "p2")
-    )
-    distortion: Distortion | None = (
-        BrownConrady(k1, k2, p1, p2, k3) if any((k1, k2, k3, p1, p2)) else None
-    )
+    if is_fisheye and model != "OPENCV_FISHEYE":
+        raise InputError(f"is_fisheye is true, but camera_model is {model}")
+    k1, k2, k3, k4 = (_number(values, name) for name in ("k1", "k2", "k3", "k4"))
     if model == "OPENCV_FISHEYE":
-        distortion = KannalaBrandt(k1, k2, k3, k4)
-    elif k4:
+        return KannalaBrandt(k1, k2, k3, k4)
+    if k4:
         raise InputError("k4 of a perspective camera is not supported")
-    return Camera(width, height, fx, fy, cx, cy, distortion)
+    p1, p2 = _number(values, "p1"), _number(values, "p2")
+    if not any((k1, k2, k3, p1, p2)):
+        return None
+    return BrownConrady(k1, k2, p1, p2, k3)
+
+
+_SIZES = ("image_size", "imageSize", "img_size", "imgSize", "size")
+"""Names that people give the size of both cameras' images, a cv::Size: width, height. OpenCV's samples have none."""
+
+
+def has_size(values: Mapping[str, Any]) -> bool:
+    """Whether a file of OpenCV, or a transforms.json, states the size of its images."""
+    return bool(
+        {"size1", "image_width", *_SIZES} & values.keys() or {"w", "h"} <= values.keys()
+    )
 
 
 _OPENCV_NAMES = {"M": ("M", "K", "cameraMatrix"), "D": ("D", "distCoeffs")}
@@ -326,11 +371,15 @@ _OPENCV_NAMES = {"M": ("M", "K", "cameraMatrix"), "D": ("D", "distCoeffs")}
 def _opencv_camera(
     values: Mapping[str, Any], i: int, size: tuple[int, int] | None, fisheye: bool
 ) -> Camera:
-    if size is None and f"size{i}" in values:
-        size = _size(values[f"size{i}"], f"size{i}")
     if size is None:
-        image = [values["image_width"], values["image_height"]]
-        size = _size(image, "image_width, image_height")
+        name = next(
+            (name for name in (f"size{i}", *_SIZES) if name in values), "image_width"
+        )
+        image = values[name]
+        if name == "image_width":
+            image = [image, values["image_height"]]
+            name = "image_width, image_height"
+        size = _size(image, name)
     names = {
         key: next(
             (f"{name}{i}" for name in spellings if f"{name}{i}" in values), f"{key}{i}"
@@ -351,7 +400,7 @@ _OPENCV_READ = {
         for i in (1, 2)
     ),
     *(f"{name}{i}" for name in ("size", "fisheye") for i in (1, 2)),
-    *("image_width", "image_height", "R", "T", "world_from_1"),
+    *("image_width", "image_height", *_SIZES, "R", "T", "world_from_1"),
 }
 _OPENCV_NOTES = {
     *("R1", "R2", "P1", "P2", "Q", "E", "F"),
@@ -372,6 +421,34 @@ def _ros_not_used(values: Mapping[str, Any]) -> list[str]:
         elif any(item not in (0, 1, False) for item in flat):
             parts.append(f"{name} (the whole image)")
     return parts
+
+
+_ROS_MESSAGE = {
+    "height": "image_height",
+    "width": "image_width",
+    "k": "camera_matrix",
+    "d": "distortion_coefficients",
+    "r": "rectification_matrix",
+    "p": "projection_matrix",
+}
+"""Fields of the message as `ros2 topic echo` prints them (`rostopic echo`: K, D, R, P), and their names in files."""
+
+
+def is_camera_info(values: Mapping[str, Any]) -> bool:
+    """Whether values are those of a camera_info of ROS, as a file has them or as a message is printed."""
+    is_message = any({"height", *names} <= values.keys() for names in ("KDRP", "kdrp"))
+    return is_message or "projection_matrix" in values
+
+
+def _as_camera_info(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values with the names that files have; the header of a message, its time, is left out."""
+    if "projection_matrix" in values or not is_camera_info(values):
+        return dict(values)
+    return {
+        _ROS_MESSAGE.get(name.lower(), name): value
+        for name, value in values.items()
+        if name != "header"
+    }
 
 
 _ROS_READ = {

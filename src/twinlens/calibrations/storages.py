@@ -23,8 +23,9 @@ from twinlens.geometry import Float
 _MOST_CHARACTERS = 1 << 24
 _MATRIX = "opencv-matrix"
 # OpenCV writes %YAML:1.0, and no space between a colon and a tag. Two of its files may be joined in one.
-_YAML_HEAD = re.compile(r"^\ufeff?%YAML[^\n]*\n(---[^\n]*\n)?", re.MULTILINE)
+_YAML_HEAD = re.compile(r"^%YAML[^\n]*\n(---[^\n]*\n)?", re.MULTILINE)
 _YAML_END = re.compile(r"^\.\.\.[^\n]*\n?", re.MULTILINE)
+_LAST_LINE = re.compile(r"^---\s*\Z", re.MULTILINE)
 _NO_SPACE = re.compile(r"^(\s*\w+):(?=!!)", re.MULTILINE)
 _MOST_NUMBERS = 10_000
 _NOT_NUMBERS = {".nan": "nan", ".inf": "inf", "-.inf": "-inf", "+.inf": "inf"}
@@ -51,9 +52,9 @@ _Loader.add_multi_constructor("", _without_tag)
 
 
 def read_text(path: Path) -> str:
-    """The content of a UTF-8 file. Raises FileError that names it."""
+    """The content of a UTF-8 file, without a byte order mark. Raises FileError that names it."""
     try:
-        return path.read_text("utf-8")
+        return path.read_text("utf-8-sig")
     except FileNotFoundError:
         raise FileError(f"{path}: no such file") from None
     except UnicodeDecodeError:
@@ -71,7 +72,7 @@ def read_storage(path: Path) -> dict[str, Any]:
     text = read_text(path)
     if len(text) > _MOST_CHARACTERS:
         raise FileError(f"{path}: is too large for a calibration")
-    start = text.lstrip("\ufeff \t\r\n")[:1]
+    start = text.lstrip()[:1]
     try:
         values = _READERS.get(start, _from_yaml)(text)
         if not isinstance(values, dict):
@@ -143,6 +144,10 @@ def _matrix(name: Any, value: Any) -> Any:
     """A matrix of OpenCV as an array; other values as they are."""
     if not (isinstance(value, dict) and {"rows", "cols", "data"} <= value.keys()):
         return value
+    if isinstance(value["data"], str | bytes):
+        raise InputError(
+            f"{name} is stored in base64; write it as text, without FileStorage::BASE64"
+        )
     size = f"{value['rows']}x{value['cols']}"
     try:
         return _array(value["data"]).reshape(int(value["rows"]), int(value["cols"]))
@@ -152,12 +157,14 @@ def _matrix(name: Any, value: Any) -> Any:
 
 def _from_yaml(text: str) -> Any:
     body = _YAML_END.sub("", _YAML_HEAD.sub("", text))
+    # rostopic ends a message with ---, which begins an empty document.
+    body = _LAST_LINE.sub("", body)
     return yaml.load(_NO_SPACE.sub(r"\1: ", body), Loader=_Loader)
 
 
 def _from_json(text: str) -> Any:
     try:
-        return json.loads(text.lstrip("\ufeff"))
+        return json.loads(text)
     except json.JSONDecodeError:
         # OpenCV writes .Nan, which YAML has and JSON has not; JSON is YAML otherwise.
         return _from_yaml(text)
@@ -174,7 +181,7 @@ def _from_xml(text: str) -> dict[str, Any]:
     parser.StartElementHandler = builder.start
     parser.EndElementHandler = builder.end
     parser.CharacterDataHandler = builder.data
-    parser.Parse(text.lstrip("\ufeff \t\r\n").encode(), True)
+    parser.Parse(text.lstrip().encode(), True)
     root = builder.close()
     if root.tag != "opencv_storage":
         raise InputError(f"starts with <{root.tag}>, not with <opencv_storage>")

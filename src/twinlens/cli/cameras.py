@@ -49,6 +49,8 @@ def command(files: tuple[Path, ...], size: str | None, as_json: bool) -> None:
               twinlens cameras --read stereo.yml
               twinlens cameras --read left.yaml --read right.yaml
     """
+    if size and not files:
+        raise InputError("--size is of the images of a file; name the file by --read")
     if files:
         rig = read_rig(*files, size=parse_size(size) if size else None)
         print_result(as_json, _record(rig), *_described(rig, files))
@@ -105,13 +107,13 @@ def _is_rectified(named: NamedRig) -> bool:
     return len(named.rig) == 2 and named.rig.is_rectified()
 
 
-def _fields_of_view(camera: Camera) -> list[float | None]:
-    """Degrees from edge to edge, horizontally and vertically, through the principal point, without the distortion."""
-    ideal = camera.replace(distortion=None)
-    across = math.atan((ideal.cx + 0.5) / ideal.fx)
-    across += math.atan((ideal.width - 0.5 - ideal.cx) / ideal.fx)
-    down = math.atan((ideal.cy + 0.5) / ideal.fy)
-    down += math.atan((ideal.height - 0.5 - ideal.cy) / ideal.fy)
+def _fields_of_view(camera: Camera) -> list[float]:
+    """Degrees from edge to edge of the image, along the row and the column of the principal point."""
+    left, right = camera.rays([[-0.5, camera.cy], [camera.width - 0.5, camera.cy]])
+    top, bottom = camera.rays([[camera.cx, -0.5], [camera.cx, camera.height - 0.5]])
+    # A fisheye may see more than 180 degrees: angles are measured from the axis, in the plane of x or y and z.
+    across = math.atan2(right[0], right[2]) - math.atan2(left[0], left[2])
+    down = math.atan2(bottom[1], bottom[2]) - math.atan2(top[1], top[2])
     return [math.degrees(across), math.degrees(down)]
 
 

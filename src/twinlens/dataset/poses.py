@@ -181,8 +181,8 @@ def write_rig(path: FilePath, rig: Rig, names: Sequence[str] | None = None) -> N
         without an ending is a folder for COLMAP's text model.
     names : of the images, for transforms.json and COLMAP; im0.png ... by default.
 
-    `read_rig` reads all but the .toml file, which `twinlens render --rig` and recipes read. Raises InputError for
-    another ending and for what the kind cannot hold, and OutputError.
+    `read_rig`, `twinlens render --rig` and recipes read them all. Raises InputError for another ending and for what the
+    kind cannot hold, and OutputError.
     """
     kind = Path(path).suffix.lower()
     if kind in (".yml", ".yaml"):
