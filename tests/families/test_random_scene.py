@@ -54,6 +54,7 @@ SEED_11 = {
     "flying": (409991, 0.5400096508757858),
     "room": (683478, 0.5650745370732706),
     "cards": (443843, 0.6356546292510946),
+    "street": (786147, 2.4189265001124753),
 }
 """How many numbers the scene of seed 11 has, and their mean: datasets of earlier versions must stay reproducible."""
 

@@ -1,4 +1,4 @@
-"""Random scenes in four families; a scene is a pure function of its family, its seed and its settings."""
+"""Random scenes in five families; a scene is a pure function of its family, its seed and its settings."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -12,7 +12,7 @@ from twinlens.errors import (
     check_number,
     format_value,
 )
-from twinlens.families import cards, flying, room, tabletop
+from twinlens.families import cards, flying, room, street, tabletop
 from twinlens.families.assets import Assets as Assets
 from twinlens.families.composition import Composition, Family
 from twinlens.scenes.scene import Scene
@@ -40,6 +40,14 @@ FAMILIES: dict[str, Family] = {
         cards.compose,
         1.8,
         cards.NAMES,
+    ),
+    "street": Family(
+        "a street or a path in daylight, with houses, trees and cars",
+        (4, 14),
+        street.compose,
+        2.5,
+        street.NAMES,
+        True,
     ),
 }
 """Every family by its name."""
@@ -91,8 +99,8 @@ def random_scene(
         The range of depths in the picture, metres; by default the family draws it. The scene's `depth_range` is the
         range measured in the composed scene.
     object_count : int or (min, max), optional
-        How many objects, without walls, floors, furniture and lamps. Fewer if no more fit. 0 is allowed in tabletop and
-        room.
+        How many objects, without walls, floors, furniture and lamps. Fewer if no more fit. 0 is allowed in tabletop,
+        room and street.
     aspect : float
         Width over height of the picture that the scene is composed for, 0.2 to 5.
     width : int

@@ -13,7 +13,13 @@ from twinlens.families.furniture import Piece
 from twinlens.families.kinds import KINDS, draw_body
 from twinlens.families.materials import body_material
 from twinlens.families.surfaces import WALLS, Sheet, surface, wall_colors
-from twinlens.families.things import THINGS, add_thing, make_thing, names_in_scenes
+from twinlens.families.things import (
+    THINGS,
+    add_thing,
+    make_thing,
+    names_in_scenes,
+    things_for,
+)
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.scene import Mesh
@@ -107,7 +113,7 @@ def _draw_models(scene: Composition) -> "list[_Model | None]":
         share = scene.assets.share_of_ours * float(rng.random()) ** 0.6
     is_thing = rng.random(scene.count) < share
     number = max(1, math.ceil(is_thing.sum() / log_uniform(rng, 1.0, 4.0)))
-    names = tuple(THINGS)
+    names = tuple(name for name in THINGS if name not in things_for("street"))
     drawn = [
         _Model.of(make_thing(one_of(rng, names), scene.rng("thing", "shape", index)))
         for index in range(number)

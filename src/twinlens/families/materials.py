@@ -142,6 +142,11 @@ FURNITURE = {  # patterns, tile in metres, finishes
     "white": (("plain",), 0.8, ("satin",)),
     "metal": (("plain",), 0.5, ("metal",)),
     "glaze": (("plain", "plain", "speckled", "cloudy", "stripes"), 0.5, ("glossy",)),
+    "pane": (("plain",), 0.8, ("glossy",)),
+    "facade": (("plain", "plain", "cloudy", "planks", "granite"), 1.4, ("matte",)),
+    "masonry": (("bricks",), 1.1, ("matte",)),
+    "lacquer": (("plain",), 0.8, ("clearcoat", "glossy")),
+    "roof": (("scales", "tiles", "planks"), 0.9, ("matte",)),
     "leaf": (("cloudy",), 0.4, ("satin",)),
     "card": (("plain",), 0.6, ("matte",)),
     "bark": (("cloudy", "wood"), 0.3, ("matte",)),
@@ -183,6 +188,9 @@ _FIXED_COLORS = {
     "paper": np.array([[0.72, 0.71, 0.68], [0.55, 0.45, 0.33], [0.3, 0.32, 0.36]]),
     "card": np.array([[0.42, 0.29, 0.17], [0.36, 0.24, 0.14]]),
     "white": np.array([[0.76, 0.75, 0.72]]),
+    "pane": np.array([[0.03, 0.035, 0.04]]),
+    "masonry": np.array([[0.34, 0.14, 0.09], [0.5, 0.46, 0.4], [0.26, 0.11, 0.08]]),
+    "roof": np.array([[0.3, 0.12, 0.07], [0.22, 0.1, 0.06], [0.16, 0.15, 0.16]]),
 }
 
 
@@ -225,6 +233,9 @@ def _furniture_colors(rng: Rng, palette: Palette, word: str) -> Float:
     """Colours (N, 3) of a part: fixed ones, or the accents of the palette, for cloth and paint also its grounds."""
     if word in _FIXED_COLORS:
         return varied(rng, _FIXED_COLORS[word])
+    if word == "facade":
+        plaster = varied(rng, rng.permutation(palette.grounds), 0.15)
+        return np.asarray(0.7 * plaster[:1] + 0.3 * plaster)
     tones = palette.accents
     if word in ("fabric", "paint"):
         tones = np.vstack([palette.accents, palette.grounds])

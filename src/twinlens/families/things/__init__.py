@@ -14,7 +14,7 @@ from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng
 from twinlens.families.furniture import Piece
 from twinlens.families.materials import furniture_material
-from twinlens.families.things import lattices, plants, seats, sheets, wheels
+from twinlens.families.things import lattices, plants, seats, sheets, streets, wheels
 from twinlens.geometry import Float
 
 
@@ -22,7 +22,8 @@ from twinlens.geometry import Float
 class Thing:
     """The range of a thing's largest extent in metres, where it may be, and how it is made.
 
-    places : "table", "floor", "wall" (its back at +y touches the wall), "outdoors", "hangs" (from its highest point).
+    places : "table", "floor", "wall" (its back at +y touches the wall), "outdoors", "street" (large, or fixed to the
+        ground), "hangs" (from its highest point).
     parts : the names of its parts.
     """
 
@@ -82,6 +83,18 @@ THINGS: dict[str, Thing] = {
     "toy-wagon": Thing(
         (0.12, 0.3), ("table", "floor"), ("bed", "wheels", "load"), sheets.toy_wagon
     ),
+    "tree": Thing((3.3, 12.0), ("street",), ("wood", "leaves"), plants.tree),
+    "car": Thing(
+        (3.5, 4.9),
+        ("street",),
+        ("body", "panes", "bumpers", "lamps", "tires", "hubs"),
+        streets.car,
+    ),
+    "bench": Thing((1.3, 1.9), ("street",), ("slats", "legs"), streets.bench),
+    "lamp-post": Thing((2.5, 7.0), ("street",), ("post", "head"), streets.lamp_post),
+    "road-sign": Thing((2.0, 2.8), ("street",), ("plate", "pole"), streets.road_sign),
+    "bollard": Thing((0.6, 1.3), ("street",), ("post",), streets.bollard),
+    "litter-bin": Thing((0.7, 1.2), ("street",), ("body", "lid"), streets.litter_bin),
 }
 
 

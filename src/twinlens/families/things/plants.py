@@ -5,8 +5,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twinlens.families.draws import Rng
+from twinlens.families.draws import Rng, log_uniform
 from twinlens.families.furniture import Piece
+from twinlens.families.solids import double_sided
 from twinlens.families.things.pieces import Part, standing
 from twinlens.families.things.sweeps import blade, copies, tubes
 from twinlens.geometry import Float
@@ -99,3 +100,91 @@ def pot_plant(rng: Rng) -> Piece:
         Part("stems", tubes(paths, thin, 6), "bark"),
         Part("leaves", _leaves(rng, leaf, poses), "leaf"),
     )
+
+
+def tree(rng: Rng) -> Piece:
+    """A broad-leaved tree of 3.5 to 9 m: a trunk, branches, and twigs with 300 to 1,200 leaves."""
+    tall = float(rng.uniform(3.5, 9.0))
+    bare = float(rng.uniform(0.22, 0.4))  # share of the trunk below the crown
+    wide = float(rng.uniform(0.25, 0.42)) * tall  # of the crown, from its middle
+    trunk = _trunk(rng, tall)
+    thick = 0.018 * tall + 0.03
+
+    # Branches leave the trunk around it, the lower the longer; the crown is round, and narrow at its top.
+    count = int(rng.integers(10, 18))
+    share = bare + (0.95 - bare) * (np.arange(count) + 0.5) / count
+    height = (share - bare) / (1 - bare)
+    reach = wide * np.sqrt(np.maximum(1 - (1.5 * height - 0.35) ** 2, 0.05))
+    azimuth = _GOLDEN * np.arange(count) + rng.uniform(-0.4, 0.4, count)
+    rise = rng.uniform(0.15, 0.5, count) + 0.6 * height
+    outward = _directions(azimuth, rise)
+    branches = _bent(rng, _along(trunk, share), outward, reach, 6)
+    taper = np.linspace(1.0, 0.25, 6)
+    branch_radius = (0.35 * thick * (1 - 0.6 * share))[:, None] * taper
+
+    # Twigs leave the outer part of the branches to all sides.
+    per_branch = 7
+    places = np.linspace(0.3, 1.0, per_branch)
+    twig_starts = np.concatenate([_along(branch, places) for branch in branches])
+    sides = rng.normal(size=twig_starts.shape)
+    sides += np.repeat(outward, per_branch, axis=0) + np.array([0, 0, 0.3])
+    sides /= np.linalg.norm(sides, axis=1, keepdims=True)
+    twig_reach = np.repeat(reach, per_branch) * rng.uniform(0.25, 0.5, len(sides))
+    twigs = _bent(rng, twig_starts, sides, twig_reach, 4)
+    twig_radius = np.linspace(0.10, 0.04, 4) * thick
+
+    # Leaves stand on the twigs and hang a little; where there are few, they are large.
+    per_twig = round(log_uniform(rng, 4.0, 10.0))
+    on_twigs = np.linspace(0.15, 1.0, per_twig)
+    leaf_places = np.concatenate([_along(twig, on_twigs) for twig in twigs])
+    size = rng.uniform(0.7, 1.2, len(leaf_places))
+    leaf_outward = rng.normal(size=leaf_places.shape) - [0, 0, 0.2]
+    long = float(rng.uniform(0.6, 0.85)) / math.sqrt(per_twig)
+    leaf = _folded_leaf(long, float(rng.uniform(0.5, 0.85)) * long)
+    poses = _leaf_poses(rng, leaf_places, leaf_outward, size)
+
+    wood = [
+        tubes(trunk[None], thick * np.linspace(1.0, 0.25, len(trunk))[None], 8),
+        tubes(branches, branch_radius, 5),
+        tubes(twigs, twig_radius, 3),
+    ]
+    return standing(
+        "tree",
+        Part("wood", shapes.merged(wood), "bark"),
+        Part("leaves", _leaves(rng, leaf, poses), "leaf"),
+    )
+
+
+def _folded_leaf(long: float, wide: float) -> Mesh:
+    """A rhombus along +y that is folded along its midrib: two triangles, both sides."""
+    rise = 0.12 * wide
+    middle = 0.45 * long
+    vertices = np.array(
+        [[0, 0, 0], [wide / 2, middle, rise], [0, long, 0], [-wide / 2, middle, rise]]
+    )
+    faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
+    normals = np.tile([0.0, 0.0, 1.0], (4, 1))
+    return double_sided(vertices, faces, normals, vertices[:, :2].copy(), 2e-4)
+
+
+def _trunk(rng: Rng, tall: float) -> Float:
+    """A line (8, 3) upwards that leaves the vertical by a few per cent of its length."""
+    t = np.linspace(0, 1, 8)[:, None]
+    lean, bend = rng.normal(0, 0.03, 3), rng.normal(0, 0.04, 3)
+    lean[2] = bend[2] = 0.0
+    return np.asarray(tall * (t * [0, 0, 1] + t * lean + np.sin(math.pi * t) * bend))
+
+
+def _along(path: Float, share: Float) -> Float:
+    """Points (N, 3) at shares (N,) of a path (M, 3) of equal steps."""
+    at = np.clip(share, 0, 1) * (len(path) - 1)
+    low = np.minimum(at.astype(int), len(path) - 2)
+    return np.asarray(path[low] + (at - low)[:, None] * (path[low + 1] - path[low]))
+
+
+def _bent(rng: Rng, starts: Float, outward: Float, length: Float, count: int) -> Float:
+    """Paths (N, count, 3) from `starts` along `outward` (N, 3) that bend upwards and to a side."""
+    t = np.linspace(0, 1, count)[:, None]
+    side = rng.normal(0, 0.12, outward.shape) + np.array([0, 0, 0.15])
+    lines = outward[:, None] * t + side[:, None] * t**2
+    return np.asarray(starts[:, None] + length[:, None, None] * lines)

@@ -1,0 +1,168 @@
+"""What stands in streets: cars of simple make, benches, posts, signs and bins."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twinlens.families.draws import Rng, one_of
+from twinlens.families.furniture import Piece, board, rod
+from twinlens.families.solids import extruded
+from twinlens.families.things.pieces import Part, standing
+from twinlens.scenes import shapes
+from twinlens.scenes.placement import rotation, translation
+from twinlens.scenes.scene import Mesh
+
+_WHEEL = 0.31  # metres, the radius of a car's tires
+_CLEARANCE = 0.22  # metres below a car's body
+
+
+def car(rng: Rng) -> Piece:
+    """A car of 3.5 to 4.7 m along x: a bevelled body, a cabin with dark panes below a roof, and wheels with hubs."""
+    long, wide = rng.uniform(3.5, 4.7), rng.uniform(1.62, 1.8)
+    belt, top = rng.uniform(0.85, 1.0), rng.uniform(1.38, 1.75)
+    front, rear = long / 2, -long / 2
+    nose = (
+        front - rng.uniform(0.2, 0.33) * long
+    )  # where the bonnet meets the windscreen
+    tail = rear + rng.uniform(0.02, 0.2) * long
+    body = [
+        (rear, _CLEARANCE),
+        (front, _CLEARANCE),
+        (front, belt - 0.3),
+        (front - 0.12, belt - 0.12),
+        (nose, belt),
+        (rear + 0.1, belt),
+        (rear, belt - 0.2),
+    ]
+    cabin = [
+        (nose, belt - 0.02),
+        (nose - 0.65, top - 0.04),
+        (tail + 0.35, top - 0.04),
+        (tail + 0.02, belt - 0.02),
+    ]
+    ends = nose - 0.6, tail + 0.3
+    roof = board((ends[0] - ends[1], wide - 0.3, 0.06), (sum(ends) / 2, 0, top - 0.03))
+    bumpers = [board((0.16, wide - 0.1, 0.14), (x, 0, 0.42)) for x in (rear, front)]
+    lamp, side = (0.05, 0.3, 0.12), wide / 2 - 0.24
+    lamps = [
+        board(lamp, (x, y, belt - 0.36)) for x in (rear, front) for y in (-side, side)
+    ]
+    tires, hubs = _wheels(wide, (rear + 0.75, front - 0.78))
+    return standing(
+        "car",
+        Part("body", shapes.merged([_profile(body, wide, 0.06), roof]), "lacquer"),
+        Part("panes", _profile(cabin, wide - 0.22, 0.04), "pane"),
+        Part("bumpers", shapes.merged(bumpers), one_of(rng, ["rubber", "metal"])),
+        Part("lamps", shapes.merged(lamps), "white"),
+        Part("tires", tires, "rubber"),
+        Part("hubs", hubs, "metal"),
+    )
+
+
+def _wheels(wide: float, axles: tuple[float, float]) -> tuple[Mesh, Mesh]:
+    """The tires and hubs of four wheels at the positions of two axles along x."""
+    tires, hubs = [], []
+    for x in axles:
+        for y in (-wide / 2 + 0.09, wide / 2 - 0.09):
+            axis = np.array([[x, y - 0.11, _WHEEL], [x, y + 0.11, _WHEEL]])
+            tires.append(rod(axis[0], axis[1], _WHEEL))
+            axis[:, 1] += [-0.005, 0.005]
+            hubs.append(rod(axis[0], axis[1], 0.6 * _WHEEL))
+    return shapes.merged(tires), shapes.merged(hubs)
+
+
+def _profile(outline: Sequence[tuple[float, float]], wide: float, bevel: float) -> Mesh:
+    """A closed prism of a side view (x, z), `wide` metres along y, with bevelled edges; (u, v) in metres."""
+    points = np.array(outline)
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    solid = extruded(points - middle, wide, bevel=bevel).mesh
+    size = float(max(*np.ptp(points, axis=0), wide))
+    scaled = replace(
+        solid, vertices=solid.vertices * size, uv=np.asarray(solid.uv) * size
+    )
+    # From (x, z, across) to (x, -across, z).
+    upright = translation([middle[0], 0, middle[1]]) @ rotation([1, 0, 0], 90.0)
+    return shapes.transformed(scaled, upright)
+
+
+def bench(rng: Rng) -> Piece:
+    """A park bench of slats with a low back."""
+    long, gap = rng.uniform(1.3, 1.9), rng.uniform(0.12, 0.15)
+    slats = [board((long, 0.1, 0.035), (0, y, 0.45)) for y in gap * np.arange(-1, 2)]
+    heights = (0.6, 0.75) if rng.random() < 0.5 else (0.58, 0.7, 0.82)
+    slats += [board((long, 0.03, 0.08), (0, 0.19, z)) for z in heights]
+    legs = []
+    for x in (-0.4 * long, 0.4 * long):
+        legs.append(board((0.06, 0.36, 0.43), (x, 0, 0.215)))
+        legs.append(board((0.06, 0.03, 0.86), (x, 0.22, 0.43)))
+    return standing(
+        "bench",
+        Part("slats", shapes.merged(slats), one_of(rng, ["wood", "wood", "paint"])),
+        Part("legs", shapes.merged(legs), "metal"),
+    )
+
+
+def lamp_post(rng: Rng) -> Piece:
+    """A lamp on a post of 2.5 to 6.5 m, at the end of a short arm that reaches towards -y, or on top."""
+    tall, thick = rng.uniform(2.5, 6.5), rng.uniform(0.035, 0.06)
+    base = rod([0, 0, 0], [0, 0, 0.03], 0.2)
+    post = [base, rod([0, 0, 0.02], [0, 0, tall], thick)]
+    if rng.random() < 0.6:
+        reach = rng.uniform(0.4, 0.65)
+        post.append(rod([0, 0, tall - 0.03], [0, -reach, tall + 0.1], 0.6 * thick))
+        head = board((0.16, 0.36, 0.07), (0, -reach - 0.1, tall + 0.1), 0.02)
+    else:
+        wide = rng.uniform(0.12, 0.2)
+        head = board((wide, wide, 1.5 * wide), (0, 0, tall + 0.7 * wide), 0.03)
+    return standing(
+        "lamp-post",
+        Part("post", shapes.merged(post), one_of(rng, ["metal", "paint"])),
+        Part("head", head, "white"),
+    )
+
+
+def road_sign(rng: Rng) -> Piece:
+    """A round, square or triangular sign on a pole, its face to -y."""
+    tall, half = rng.uniform(2.0, 2.8), rng.uniform(0.2, 0.38)
+    corners = one_of(rng, [3, 4, 4, 24])
+    turn = np.pi / 2 if corners != 4 else np.pi / 4
+    angle = turn + 2 * np.pi * np.arange(corners) / corners
+    outline = half * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    plate = shapes.transformed(
+        _profile([(x, z) for x, z in outline], 0.02, 0.005),
+        translation([0, -0.04, tall - half]),
+    )
+    pole = [rod([0, 0, 0], [0, 0, 0.02], 0.1), rod([0, 0, 0.01], [0, 0, tall], 0.028)]
+    return standing(
+        "road-sign",
+        Part("plate", plate, "lacquer"),
+        Part("pole", shapes.merged(pole), "metal"),
+    )
+
+
+def bollard(rng: Rng) -> Piece:
+    """A short post, with or without a ball on top."""
+    tall, thick = rng.uniform(0.6, 1.0), rng.uniform(0.04, 0.09)
+    parts = [rod([0, 0, 0], [0, 0, tall], thick)]
+    if rng.random() < 0.5:
+        angle = np.linspace(-np.pi / 2, np.pi / 2, 9)
+        arc = 1.3 * thick * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        arc[[0, -1], 0] = 0.0
+        ball = shapes.lathe(arc, 18, smooth=False)
+        parts.append(shapes.transformed(ball, translation([0, 0, tall + 0.8 * thick])))
+    return standing(
+        "bollard",
+        Part("post", shapes.merged(parts), one_of(rng, ["paint", "metal", "rubber"])),
+    )
+
+
+def litter_bin(rng: Rng) -> Piece:
+    """A round bin with a lid that is wider than it."""
+    tall, radius = rng.uniform(0.7, 1.1), rng.uniform(0.2, 0.28)
+    lid = rod([0, 0, tall], [0, 0, tall + 0.05], radius + 0.025)
+    return standing(
+        "litter-bin",
+        Part("body", rod([0, 0, 0], [0, 0, tall], radius), "paint"),
+        Part("lid", lid, one_of(rng, ["metal", "rubber"])),
+    )
