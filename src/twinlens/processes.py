@@ -249,13 +249,13 @@ def _isolate(memory_limit: float | None) -> int:
             os.dup2(null.fileno(), stream)
     # KeyboardInterrupt: no `except Exception` handles it.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    _end_first_without_memory("self")
+    end_first_without_memory("self")
     if memory_limit is not None:
         _limit_memory(memory_limit)
     return os.getpid()
 
 
-def _end_first_without_memory(process: object) -> None:
+def end_first_without_memory(process: object) -> None:
     """If memory runs out, Linux kills this process, an id or "self", before others."""
     with contextlib.suppress(OSError):
         Path(f"/proc/{process}/oom_score_adj").write_text("1000")
@@ -293,7 +293,7 @@ def run_program(words: list[str], limit_s: float) -> tuple[int, str]:
             start_new_session=True,
             bufsize=0,
         )
-    _end_first_without_memory(process.pid)
+    end_first_without_memory(process.pid)
     tail = bytearray()
 
     def drain() -> None:

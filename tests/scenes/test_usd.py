@@ -1,8 +1,12 @@
 """USD files: meshes, poses and materials. Bounds and areas are those of OpenUSD, trimesh and shapely."""
 
+import itertools
 import math
+import os
+import signal
 import subprocess
 import sys
+import threading
 import warnings
 import zipfile
 
@@ -21,6 +25,7 @@ from tests.scenes.usd_files import (
     mesh,
     moved,
     prim,
+    read_in_a_fork,
     shader,
     square,
     texture,
@@ -28,7 +33,7 @@ from tests.scenes.usd_files import (
     usda,
     write_pictures,
 )
-from twinlens.errors import InputError, MissingExtraError
+from twinlens.errors import InputError, MissingExtraError, TwinlensError
 from twinlens.scenes import usd_process
 from twinlens.scenes.assets import SceneContext
 from twinlens.scenes.gltf_materials import VERTEX_COLOR
@@ -43,7 +48,9 @@ PENTAGON = [(0, 0), (2, 0), (3, 2), (1, 4), (-1, 2)]
 def open_here(path, context, with_materials=True):
     """`usd_process.open_usd` without the process, which takes two seconds to start."""
     request = usd_process.Request(path, context.folder, with_materials)
-    return usd_process._unpacked(usd_process.answer_to(request), context)
+    return usd_process._unpacked(
+        usd_process.answer_to(request, allow=lambda size: None), context
+    )
 
 
 @pytest.fixture(autouse=True)
@@ -619,27 +626,79 @@ def test_modules_in_the_current_folder_are_not_run(tmp_path, here, module):
     assert not (tmp_path / "was_run").exists()
 
 
-def test_a_file_that_usd_core_never_finishes_is_an_error(tmp_path, here):
-    here.undo()
-    here.setattr("twinlens.scenes.usd_process.SECONDS", 0.01)
-    (tmp_path / "m.usda").write_text('#usda 1.0\ndef Cube "c" {}\n')
-    with pytest.raises(
-        InputError, match=r"m\.usda: reading takes more than 0 s; is it damaged\?"
-    ):
-        read(tmp_path / "m.usda")
+def compute_forever(*_):
+    """As usd-core does it: without a return to Python, which would handle signals."""
+    sum(itertools.repeat(0))
 
 
-def test_a_file_that_usd_core_does_not_survive_is_an_error(tmp_path, here):
+def wait_forever(*_):
+    lock = threading.Lock()
+    for _ in range(2):
+        lock.acquire()
+
+
+def allocate_forever(*_):
+    blocks = []
+    while True:
+        blocks.append(bytearray(1 << 28))
+
+
+def crash(*_):
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+TOO_LONG = "reading takes more than 0 s and 4 s per MiB; is the file damaged"
+
+
+@pytest.mark.parametrize(
+    ("reads", "wait", "reason"),
+    [
+        (compute_forever, 60, TOO_LONG),
+        (wait_forever, 1, TOO_LONG),
+        (allocate_forever, 60, r"cannot be read as a \.usda mesh \(MemoryError\)"),
+        (crash, 60, "its reader was killed by SIGSEGV; is the file damaged"),
+        (lambda *_: os.abort(), 60, "its reader was killed by SIGABRT; is the file"),
+    ],
+)
+def test_readers_that_do_not_end_well_are_errors(write, here, reads, wait, reason):
+    def read_stage(path, find, allow, with_materials):
+        allow(10)
+        reads()
+
+    here.setattr(usd_process, "read_stage", read_stage)
+    here.setattr(usd_process, "_SECONDS", 0)
+    here.setattr(usd_process, "_BUSY", wait)
+    with pytest.raises(TwinlensError, match=rf"m\.usda: {reason}"):
+        read_in_a_fork(write(SQUARE))
+
+
+def test_the_process_of_a_reader_limits_itself(write, here):
     here.undo()
-    crash = "import os; os.abort()"
+    program = """
+from itertools import repeat
+from twinlens.scenes import usd_process
+usd_process._SECONDS = 0
+usd_process.read_stage = lambda path, find, allow, _: (allow(10), sum(repeat(0)))
+usd_process._main()
+"""
     run = subprocess.run
     here.setattr(
         "twinlens.scenes.usd_process.subprocess.run",
-        lambda words, **options: run([words[0], "-c", crash], **options),
+        lambda words, **options: run([words[0], "-c", program], **options),
     )
-    (tmp_path / "m.usda").write_text('#usda 1.0\ndef Cube "c" {}\n')
-    with pytest.raises(
-        InputError,
-        match=r"m\.usda: its reader was killed by SIGABRT; is the file damaged\?",
-    ):
-        read(tmp_path / "m.usda")
+    with pytest.raises(InputError, match=r"m\.usda: reading takes more than 20 s"):
+        read(write(SQUARE))
+
+
+def test_limits_grow_with_layers_and_decoded_pictures(tmp_path, write):
+    write_pictures(tmp_path)
+    below = usda(tmp_path / "below.usda", prim("Cube", "cube", ""))
+    path = write(TEXTURED.replace("SPACE", ""))
+    text = path.read_text().replace("(\n", "(\n  subLayers = [@below.usda@]\n", 1)
+    path.write_text(text)
+    sizes = []
+    request = usd_process.Request(path, tmp_path, True)
+    assert usd_process.answer_to(request, sizes.append).error is None
+    layers = [path.stat().st_size, below.stat().st_size]
+    texels = [2 * 4, 2 * 4]
+    assert sizes == layers + texels

@@ -180,7 +180,8 @@ def reading(path: Path, kind: str) -> Iterator[None]:
         raise MissingExtraError(f"{path}: {error}") from error
     except Exception as error:
         try:
-            reason = " ".join(str(error).split())[:_LONGEST_REASON]
+            text = " ".join(str(error).split())[:_LONGEST_REASON]
+            reason = text or type(error).__name__
         except UnicodeDecodeError:  # a library's text of bytes of the file
             reason = type(error).__name__
         raise FileError(

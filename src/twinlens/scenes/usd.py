@@ -4,7 +4,7 @@ The stage is read at its earliest time, in metres, with its own up axis. Source:
 UsdShade, and the UsdPreviewSurface proposal, version 2.6.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -63,14 +63,21 @@ class UsdModel:
     lost: list[str] = field(default_factory=list)
 
 
-def read_stage(path: Path, find: Find, with_materials: bool = True) -> UsdModel:
+def read_stage(
+    path: Path,
+    find: Find,
+    allow: Callable[[int], None],
+    with_materials: bool = True,
+) -> UsdModel:
     """The meshes of a USD file, read in this process. Raises FileError.
+
+    allow: called with the size in bytes of each layer before it is opened, and of each picture once it is decoded.
 
     usd-core may crash or run forever on a damaged file; `usd_process.open_usd` bounds that.
     """
     from pxr import Sdf, Usd, UsdGeom
 
-    files = UsdFiles(path, Sdf, find)
+    files = UsdFiles(path, Sdf, find, allow)
     stage = Usd.Stage.Open(str(path))
     if stage is None:
         raise FileError(f"{path}: not a USD file; is it complete?")

@@ -24,12 +24,17 @@ Find = Callable[[str, Path], Path]
 class UsdFiles:
     """The layers of a file, and the content of its pictures.
 
+    allow: called with the size of each layer before it is opened.
+
     Raises InputError for a layer that names a file outside the folder, that does not exist, or that changes with time
     by other files.
     """
 
-    def __init__(self, path: Path, sdf: Any, find: Find) -> None:
+    def __init__(
+        self, path: Path, sdf: Any, find: Find, allow: Callable[[int], None]
+    ) -> None:
         self.path = path
+        self.allow = allow
         self._sdf = sdf
         self._find = find
         self._seen: set[str] = set()
@@ -54,6 +59,8 @@ class UsdFiles:
         self._seen.add(layer)
         if len(self._seen) > _MOST_LAYERS:
             raise InputError(f"has more than {_MOST_LAYERS} layers")
+        if not _PACKAGED.match(layer):
+            self.allow(Path(layer).stat().st_size)
         opened = self._sdf.Layer.FindOrOpen(layer)
         if opened is None:
             raise FileError(f"{layer}: not a USD file; is it complete?")

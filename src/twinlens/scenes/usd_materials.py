@@ -91,7 +91,9 @@ class Surfaces:
         """The stored values (H, W, 4) of a picture."""
         data = self.files.picture(asset, layer)
         if data not in self._texels:
-            self._texels[data] = decode_texels(data, asset.path)
+            texels = decode_texels(data, asset.path)
+            self.files.allow(texels.nbytes)
+            self._texels[data] = texels
         return self._texels[data]
 
 

@@ -1,25 +1,36 @@
-"""Reads USD files in a process of its own: usd-core crashes or never ends on some damaged files.
+"""Reads USD files in a process of its own: usd-core crashes, never ends or fills the memory on some damaged files.
 
-The process is this module, run as a program: it gets a `Request` on its input and writes an `Answer` to its output.
+The process is this module, run as a program: it gets a `Request` on its input and writes an `Answer` to its output. It
+limits its own processor time and memory (`Limits`) by the size of the layers and pictures that it reads.
 """
 
-import contextlib
+import math
 import os
 import pickle
+import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from twinlens.errors import FileError, TwinlensError, import_extra
-from twinlens.processes import format_status
+from twinlens.processes import end_first_without_memory, format_status
 from twinlens.scenes.assets import SceneContext, find_named, reading
 from twinlens.scenes.usd import read_stage
 
-SECONDS = 120.0
-_SECONDS_PER_BYTE = 1 / (1 << 20)
-_MOST_MEMORY = 16 << 30  # bytes of address space
+_MIB = 1 << 20
+# Layers that are whole take up to 0.5 s and 70 MiB for each MiB (docs/decisions/mesh-files.md).
+_SECONDS = 20.0  # of processor time
+_SECONDS_PER_MIB = 4.0
+_MEMORY = 2 << 30
+_MEMORY_PER_BYTE = 256
+_MOST_MEMORY = 16 << 30
+_BUSY = (
+    6  # seconds per second of processor time; a process that waits forever takes none
+)
+_TOO_LONG = ("SIGXCPU", "SIGALRM")
 
 
 @dataclass(frozen=True)
@@ -47,28 +58,30 @@ def open_usd(path: Path, context: SceneContext, with_materials: bool = True) -> 
     """
     import_extra("pxr", "usd")
     request = Request(path, context.folder, with_materials)
-    limit = SECONDS + _SECONDS_PER_BYTE * path.stat().st_size
     # -P: modules in the current folder are not imported; `-m` would look there first.
     command = [sys.executable, "-P", "-m", "twinlens.scenes.usd_process"]
     search = os.pathsep.join(filter(None, sys.path))
-    try:
-        child = subprocess.run(
-            command,
-            input=pickle.dumps(request),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env=os.environ | {"PYTHONPATH": search},
-            timeout=limit,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        raise FileError(
-            f"{path}: reading takes more than {limit:.0f} s; is it damaged?"
-        ) from None
-    if child.returncode:
-        status = format_status(child.returncode)
-        raise FileError(f"{path}: its reader {status}; is the file damaged?")
+    child = subprocess.run(
+        command,
+        input=pickle.dumps(request),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | {"PYTHONPATH": search},
+        check=False,
+    )
+    check_status(path, child.returncode)
     return _unpacked(pickle.loads(child.stdout), context)
+
+
+def check_status(path: Path, status: int) -> None:
+    """Raise FileError if the process of a file ended by itself or by its limits, from its exit status."""
+    if not status:
+        return
+    reason = f"its reader {format_status(status)}"
+    if reason.endswith(_TOO_LONG):
+        limit = f"{_SECONDS:.0f} s and {_SECONDS_PER_MIB:.0f} s per MiB"
+        reason = f"reading takes more than {limit}"
+    raise FileError(f"{path}: {reason}; is the file damaged?")
 
 
 def _unpacked(answer: Answer, context: SceneContext) -> Any:
@@ -78,8 +91,40 @@ def _unpacked(answer: Answer, context: SceneContext) -> Any:
     return answer.model
 
 
-def answer_to(request: Request) -> Answer:
-    """Read a file in this process."""
+class Limits:
+    """Time and memory of this process, which grow with what it reads. On Unix alone."""
+
+    def __init__(self) -> None:
+        self._size = 0
+
+    def allow(self, size: int) -> None:
+        """Allow what reading a layer or a picture of `size` bytes may take."""
+        if not hasattr(signal, "alarm"):
+            return
+        import resource
+
+        self._size += size
+        seconds = math.ceil(_SECONDS + _SECONDS_PER_MIB * self._size / _MIB)
+        memory = min(_MEMORY + _MEMORY_PER_BYTE * self._size, _MOST_MEMORY)
+        _limit(resource.RLIMIT_CPU, seconds)
+        _limit(resource.RLIMIT_DATA, memory)
+        _limit(resource.RLIMIT_CORE, 0)
+        # usd-core may not return to Python, whose handlers would wait for it.
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.alarm(_BUSY * seconds)
+
+
+def _limit(kind: int, value: int) -> None:
+    """Set a limit of this process, at most that which its parent has set."""
+    import resource
+
+    hard = resource.getrlimit(kind)[1]
+    soft = value if hard == resource.RLIM_INFINITY else min(value, hard)
+    resource.setrlimit(kind, (soft, hard))
+
+
+def answer_to(request: Request, allow: Callable[[int], None]) -> Answer:
+    """Read a file in this process. `allow` receives the size of each layer and picture in bytes."""
     context = SceneContext(request.folder)
     path = request.path
     try:
@@ -87,6 +132,7 @@ def answer_to(request: Request) -> Answer:
             model = read_stage(
                 path,
                 lambda name, owner: find_named(name, owner, context),
+                allow,
                 request.with_materials,
             )
         return Answer(model, files=context.files)
@@ -98,12 +144,9 @@ def _main() -> None:
     # Run as a program this module is __main__; the caller knows its classes by the module's name.
     from twinlens.scenes import usd_process
 
-    with contextlib.suppress(ImportError, OSError, ValueError):
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
+    end_first_without_memory("self")
     request = pickle.loads(sys.stdin.buffer.read())
-    answer = usd_process.answer_to(request)
+    answer = usd_process.answer_to(request, usd_process.Limits().allow)
     sys.stdout.flush()
     sys.stdout.buffer.write(pickle.dumps(answer))
 
