@@ -1,9 +1,10 @@
-"""PNG pictures of 16 bits per channel, which Pillow reads with 8 unless they are grey.
+"""The kind of a picture, and PNG pictures of 16 bits per channel, which Pillow reads with 8 unless they are grey.
 
 Source: PNG specification, 3rd ed., W3C 2025, chapters 7.2 (byte order) and 11.2.1 (IHDR).
 """
 
 import io
+import re
 import struct
 import zlib
 
@@ -12,9 +13,21 @@ from numpy.typing import NDArray
 from PIL import Image
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_FIRST_BYTES = {
+    "PNG": re.compile(rb"\x89PNG"),
+    "JPEG": re.compile(rb"\xff\xd8\xff"),
+    "WEBP": re.compile(rb"RIFF.{4}WEBP", re.DOTALL),
+    "BMP": re.compile(rb"BM"),
+}
 _GREY, _RGB, _GREY_ALPHA, _RGB_ALPHA = 0, 2, 4, 6
 _COLOUR = slice(24, 26)  # bits per channel and colour type of IHDR
 _CHECKED, _CHECKSUM = slice(12, 29), slice(29, 33)
+
+
+def kind_of_picture(data: bytes) -> str | None:
+    """The kind of a picture by its first bytes, as Pillow names it: PNG, JPEG, WEBP or BMP; None for others."""
+    kinds = (kind for kind, start in _FIRST_BYTES.items() if start.match(data))
+    return next(kinds, None)
 
 
 def has_sixteen_bits(png: bytes) -> bool:

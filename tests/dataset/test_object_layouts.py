@@ -273,6 +273,37 @@ def test_chosen_objects_only(data, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("names", "categories"),
+    [
+        (["nut", "nut-2"], ["nut"]),
+        (["nut[0]", "nut[12]"], ["nut"]),
+        (["nut", "nut-2[3]"], ["nut"]),
+        (["bolt-10", "bolt-12"], ["bolt-10", "bolt-12"]),
+        (["bolt-10[0]", "bolt-12[0]"], ["bolt-10", "bolt-12"]),
+        (["bolt-10", "bolt-10-2"], ["bolt-10"]),
+        (["part-1", "wall"], ["part-1", "wall"]),
+    ],
+)
+def test_a_number_in_a_name_is_that_of_a_copy_only_beside_the_first(
+    tmp_path, names, categories
+):
+    """The two objects of the sample under other names: in COCO, in BOP, and as the user chooses them."""
+    truths = [replace(truth, object_names=tuple(names)) for truth in MADE.truths]
+    data = [stored(tmp_path / "s", replace(MADE, truths=tuple(truths)))]
+    export(data, tmp_path / "coco", "coco")
+    table = read_json(tmp_path / "coco" / "annotations" / "instances.json")
+    assert [row["name"] for row in table["categories"]] == categories
+    export(data, tmp_path / "bop", "bop")
+    models = read_json(tmp_path / "bop" / "models" / "models_info.json")
+    assert {row["name"] for row in models.values()} == set(categories)
+    for name in categories:
+        folder = tmp_path / name
+        export(data, folder, "coco", objects=[name])
+        chosen = read_json(folder / "annotations" / "instances.json")
+        assert [row["name"] for row in chosen["categories"]] == [name]
+
+
+@pytest.mark.parametrize(
     ("to", "name", "message"),
     [
         ("bop", "cart", r"unknown object 'cart'; did you mean 'card'\? \(known: card, wall\)"),

@@ -7,7 +7,7 @@ from PIL import EpsImagePlugin, Image
 
 from twinlens.errors import FileError, InputError
 from twinlens.scenes import assets
-from twinlens.scenes.assets import SceneContext, find_asset, read_picture
+from twinlens.scenes.assets import SceneContext, find_asset, read_mesh, read_picture
 
 
 @pytest.fixture
@@ -64,10 +64,52 @@ def test_postscript_named_as_a_picture_is_not_interpreted(tmp_path, monkeypatch,
     assert started == []
 
 
-def test_a_picture_with_the_wrong_suffix_is_an_error(tmp_path):
-    Image.new("RGB", (4, 4)).save(tmp_path / "t.jpg", format="PNG")
-    with pytest.raises(FileError, match=r"t\.jpg"):
-        read_picture(tmp_path / "t.jpg")
+@pytest.mark.parametrize(
+    ("name", "stored", "says"),
+    [
+        ("t.jpg", "PNG", "is not a JPEG picture; it is a PNG picture: rename it"),
+        ("t.png", "WEBP", "is not a PNG picture; it is a WEBP picture: rename it"),
+        ("t.webp", "BMP", "is not a WEBP picture; it is a BMP picture: rename it"),
+        ("t.png", "GIF", "is not a PNG picture$"),
+    ],
+)
+def test_a_picture_with_the_wrong_suffix_is_an_error(tmp_path, name, stored, says):
+    Image.new("RGB", (4, 4)).save(tmp_path / name, format=stored)
+    with pytest.raises(FileError, match=rf"{name}: {says}"):
+        read_picture(tmp_path / name)
+
+
+@pytest.mark.parametrize("kind", ["png", "bmp", "webp"])
+def test_pictures_without_loss_have_their_values(tmp_path, kind):
+    stored = np.random.default_rng(1).integers(0, 256, (5, 7, 3), dtype=np.uint8)
+    options = {"lossless": True} if kind == "webp" else {}
+    Image.fromarray(stored).save(tmp_path / f"t.{kind}", **options)
+    assert np.allclose(255 * read_picture(tmp_path / f"t.{kind}", raw=True), stored)
+
+
+def binary_stl(count, present):
+    facet = np.array([0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0], dtype="<f4").tobytes()
+    head = b"made by a scanner".ljust(80) + count.to_bytes(4, "little")
+    return head + present * (facet + b"\0\0")
+
+
+@pytest.mark.parametrize(("count", "present"), [(2, 1), (5, 0), (1000, 999)])
+def test_an_stl_that_ends_early_says_how_many_facets_it_has(tmp_path, count, present):
+    path = tmp_path / "m.stl"
+    path.write_bytes(binary_stl(count, present))
+    says = f"has {present} of {count} facets; is the file complete"
+    with pytest.raises(FileError, match=says):
+        read_mesh(path)
+
+
+def test_an_stl_of_either_kind_is_read_whole(tmp_path):
+    path = tmp_path / "m.stl"
+    path.write_bytes(binary_stl(3, 3).replace(b"made by", b"solid b"))
+    assert len(read_mesh(path).faces) == 3
+    facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+    for text in (facet, facet.upper()):
+        path.write_text(f"solid a\n{text}endsolid a\n")
+        assert len(read_mesh(path).faces) == 1
 
 
 def write_exr(path, count=1):
@@ -119,7 +161,7 @@ def test_an_exr_of_many_parts_is_refused(tmp_path):
     ("name", "content", "message"),
     [
         ("sky.exr", b"v/1\x01 damaged", "cannot be read"),
-        ("sky.png", POSTSCRIPT, "cannot be read"),
+        ("sky.png", POSTSCRIPT, "is not a PNG picture"),
         ("sky.ps", POSTSCRIPT, "pictures may be"),
         ("sky.hdr", HDR % (99999, 99999), "a picture may have 1 to"),
         ("sky.hdr", HDR % (1, 4) + bytes(16), "needs 2x3 pixels or more"),

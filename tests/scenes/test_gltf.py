@@ -75,7 +75,7 @@ def test_a_material_of_the_scene_replaces_those_of_the_file(glb_path, read_scene
     scene = read_scene(OWN + "material = 'grey'\n")
     assert set(scene.materials) == {"grey"}
     message = (
-        r"objects.own: .*m\.glb: images\[0\] must be a \.png, \.jpg or \.webp picture"
+        r"objects.own: .*m\.glb: images\[0\] must be a \.png, \.jpg, \.bmp or \.webp"
     )
     with pytest.raises(InputError, match=message):
         read_scene(OWN)
@@ -408,7 +408,6 @@ def test_an_obj_may_have_faces_without_area(tmp_path):
     [
         ("f 0/1 2/2 3/3", "a face has the vertex number 0; OBJ counts from 1"),
         ("f 1/1 2/0 3/3", "a face has the vertex number 0; OBJ counts from 1"),
-        ("f -3 -2 -1\nv 0 0 1", "has negative vertex numbers before its last vertex"),
     ],
 )
 @pytest.mark.parametrize("reader", [read, read_mesh])
@@ -445,7 +444,7 @@ def test_files_in_other_folders_of_the_scene_are_found(tmp_path, read_scene):
             read_scene(own)
 
 
-OUTSIDE = "../secret.png /etc/hostname link.png http://a.b/c.png C:/x.png a\\b.png"
+OUTSIDE = "../secret.png /etc/hostname link.png http://a.b/c.png C:/x.png a\\..\\..\\secret.png"
 
 
 @pytest.mark.parametrize("name", OUTSIDE.split())

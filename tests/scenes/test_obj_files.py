@@ -86,6 +86,20 @@ def test_several_libraries_may_be_named(tmp_path, libraries):
     assert colors == {"m.obj:grey": HALF, "m.obj:red": Color((1.0, 0.0, 0.0))}
 
 
+def test_folders_may_be_separated_as_in_windows(tmp_path):
+    """In the names of the library and of its picture."""
+    (tmp_path / "parts" / "pictures").mkdir(parents=True)
+    picture = tmp_path / "parts" / "pictures" / "grey.png"
+    Image.fromarray(np.full((2, 2, 3), 188, np.uint8)).save(picture)
+    library = "newmtl grey\nmap_Kd pictures\\grey.png\n"
+    (tmp_path / "parts" / "m.mtl").write_text(library)
+    corners = f"{CORNERS}vt 0 0\nvt 1 0\nvt 0 1\n"
+    obj = f"mtllib parts\\m.mtl\n{corners}usemtl grey\nf 1/1 2/2 3/3\n"
+    made = material(read(tmp_path, obj)).base_color
+    # sRGB 188 is half of the light of 255, within its rounding.
+    assert np.abs(made.pixels - 0.5).max() < 0.005
+
+
 @pytest.mark.parametrize("library", ["", "mtllib m.mtl\n"])
 def test_faces_without_a_material_are_white_and_diffuse(tmp_path, library):
     model = read(tmp_path, f"{library}{CORNERS}f 1 2 3\n", m="newmtl unused\nKd 0 0 0")

@@ -128,3 +128,19 @@ def test_moving_a_mesh_moves_its_normals_as_a_plane_moves():
     turn = rigid(rotation(np.array([1.0, 2, 3]), 40)[:3, :3], [1, 2, 3])
     squashed = shapes.transformed(ball, turn @ np.diag([1.0, 2.0, 0.5, 1.0]))
     assert least_agreement(squashed) > 0.9
+
+
+@pytest.mark.parametrize("last", [[0, 1, 0], [2, 1, 3], [1, 1, 2]])
+@pytest.mark.parametrize("axes", [[0, 1, 2], [1, 2, 0], [2, 1, 0]])
+def test_a_tube_around_two_right_angles_keeps_its_radius(last, axes):
+    """Rings lie across the direction between the two segments, also where that turns by a right angle at once."""
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], last])[:, axes]
+    mesh = shapes.tube(points, 0.1, sides=16, smooth=False)
+    steps = np.diff(points, axis=0)
+    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
+    rings = mesh.vertices.reshape(4, 17, 3)
+    between = [steps[0], steps[0] + steps[1], steps[1] + steps[2], steps[2]]
+    for ring, centre, direction in zip(rings, points, between, strict=True):
+        spokes = ring - centre
+        assert np.linalg.norm(spokes, axis=1) == pytest.approx(np.full(17, 0.1))
+        assert spokes @ direction == pytest.approx(np.zeros(17), abs=1e-12)

@@ -160,7 +160,7 @@ def _sources(
             )
         if objects and has_record:
             names = sample.record.get("object_names", [])
-            names_seen.update(map(layouts.category, names))
+            names_seen.update(layouts.category(name, names) for name in names)
             in_images.update(_categories_in_images(sample, names))
         chosen = frozenset(objects) if objects else None
         yield Source(sample, i, lens, chosen, texts)
@@ -175,4 +175,5 @@ def _categories_in_images(sample: StoredSample, names: Sequence[str]) -> set[str
     instances = [
         instance for view in range(len(sample.rig)) for instance in sample.objects(view)
     ]
-    return {layouts.category(names[instance.object_id - 1]) for instance in instances}
+    in_images = {names[instance.object_id - 1] for instance in instances}
+    return {layouts.category(name, names) for name in in_images}

@@ -17,7 +17,13 @@ import itertools
 import json
 import re
 import tarfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import (
+    Callable,
+    Collection,
+    Iterable,
+    Iterator,
+    Mapping,
+)
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -60,6 +66,8 @@ _COLMAP_HEADERS = {
     "points3D": "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n",
 }
 _FILE_BYTES = 256 * 1024 * 1024
+_COPY = re.compile(r"(\[\d+\])+$")
+_NUMBER = re.compile(r"-\d+$")
 _END = bytes(2 * tarfile.BLOCKSIZE)
 NUMBERS = (
     "width",
@@ -99,9 +107,9 @@ class Source:
         """The name of the sample's split, or nothing."""
         return str(self.sample.row.get("info", {}).get("split") or "")
 
-    def exports(self, name: str) -> bool:
-        """Whether to export the object of that name."""
-        return self.objects is None or category(name) in self.objects
+    def exports(self, name: str, names: Collection[str]) -> bool:
+        """Whether to export the object of that name; `names` are those of all objects of its scene."""
+        return self.objects is None or category(name, names) in self.objects
 
     def image(self, i: int) -> bytes:
         """View i as an 8-bit PNG: the sample's file, or its 16 bits rounded to 8."""
@@ -152,13 +160,19 @@ class Source:
         yield "calib.txt", self.calib()
 
 
-def category(name: str) -> str:
-    """The name of an object without the number of a copy.
+def category(name: str, names: Collection[str]) -> str:
+    """The name of an object without the number of a copy; `names` are those of all objects of its scene.
 
-    >>> category("nut"), category("nut-2"), category("nut[3]")
-    ('nut', 'nut', 'nut')
+    nut[3] is a copy. nut-2 is one only beside a nut: bolt-10 and bolt-12 may be two parts.
+
+    >>> [category(name, ["nut", "nut-2", "bolt-10"]) for name in ("nut", "nut-2", "nut[3]", "bolt-10")]
+    ['nut', 'nut', 'nut', 'bolt-10']
     """
-    return re.sub(r"(-\d+|\[\d+\])+$", "", name)
+    plain = {_COPY.sub("", other) for other in names}
+    whole = _COPY.sub("", name)
+    while (stem := _NUMBER.sub("", whole)) != whole and stem in plain:
+        whole = stem
+    return whole
 
 
 def middlebury(source: Source) -> Files:
@@ -388,7 +402,9 @@ def _kitti_objects(source: Source, shape: tuple[int, ...]) -> NDArray[np.uint8]:
         return np.zeros(shape, np.uint8)
     truth = source.sample.truth(0)
     numbered = enumerate(truth.object_names, start=1)
-    chosen = [number for number, name in numbered if category(name) in source.objects]
+    chosen = [
+        number for number, name in numbered if source.exports(name, truth.object_names)
+    ]
     if max(chosen, default=0) > 255:
         raise InputError(
             f"{source.sample.name}: has object {max(chosen)}, and this layout holds 255"

@@ -32,8 +32,9 @@ _DEPTH_SCALE = 0.1  # millimetres per unit of a depth image, or ten, a hundred t
 def coco(sources: Iterable[Source]) -> Iterator[tuple[str, bytes]]:
     """annotations/instances.json and images/<name>-im0.png ...: one annotation per visible object of each view.
 
-    `segmentation`, `bbox` and `area` are of the visible part. Categories are those of `category`. Further keys have the
-    whole object, its pose and its box. A dataset with splits has annotations/instances_<split>.json for each, too.
+    `segmentation`, `bbox` and `area` are of the visible part. Categories are those of `layouts.category`. Further keys
+    have the whole object, its pose and its box. A dataset with splits has annotations/instances_<split>.json for each,
+    too.
     """
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
@@ -49,7 +50,8 @@ def coco(sources: Iterable[Source]) -> Iterator[tuple[str, bytes]]:
                 if instance.visible_pixel_count == 0:
                     continue
                 name = truth.object_name(instance)
-                number = categories.setdefault(category(name), len(categories) + 1)
+                kind = category(name, truth.object_names)
+                number = categories.setdefault(kind, len(categories) + 1)
                 annotation = {
                     "id": len(annotations) + 1,
                     "image_id": image["id"],
@@ -162,7 +164,8 @@ def bop(sources: Iterable[Source]) -> Iterator[tuple[str, bytes]]:
                 visible = truth.object_id == instance.object_id
                 yield f"{scene}/mask/{i:06d}_{k:06d}.png", _mask_png(whole)
                 yield f"{scene}/mask_visib/{i:06d}_{k:06d}.png", _mask_png(visible)
-                number = models.number_of(truth, instance)
+                name = category(truth.object_name(instance), truth.object_names)
+                number = models.number_of(instance, name)
                 yield from models.mesh(source, instance)
                 pose = {"obj_id": number, **_pose_mm(instance.cam_from_object, "m2c")}
                 poses.setdefault(str(i), []).append(pose)
@@ -183,11 +186,10 @@ class _Models:
         self._numbers: dict[str, int] = {}
         self._facts: dict[int, dict[str, Any]] = {}
 
-    def number_of(self, truth: Truth, instance: ObjectTruth) -> int:
-        """The `obj_id` of an object, from 1."""
+    def number_of(self, instance: ObjectTruth, name: str) -> int:
+        """The `obj_id` of an object of a category, from 1."""
         number = self._numbers.setdefault(instance.model, len(self._numbers) + 1)
         if number not in self._facts:
-            name = category(truth.object_name(instance))
             self._facts[number] = {"name": name, **_box_mm(instance.extent)}
         return number
 
@@ -225,7 +227,7 @@ def _truths(source: Source) -> Iterator[Truth]:
         chosen = [
             instance
             for instance in truth.objects
-            if source.exports(truth.object_name(instance))
+            if source.exports(truth.object_name(instance), truth.object_names)
         ]
         yield replace(truth, objects=tuple(chosen))
 

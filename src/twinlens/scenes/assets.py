@@ -26,12 +26,18 @@ from twinlens.errors import (
     FileError,
     InputError,
     MissingExtraError,
+    counted,
     format_value,
     warn_not_used,
 )
-from twinlens.pictures import decode_sixteen_bits, has_sixteen_bits
+from twinlens.pictures import (
+    decode_sixteen_bits,
+    has_sixteen_bits,
+    kind_of_picture,
+)
 from twinlens.scenes import shapes
 from twinlens.scenes.materials import AnyMaterial
+from twinlens.scenes.obj_numbers import with_positive_numbers
 from twinlens.scenes.polygons import ply_not_used, triangulated_obj, triangulated_ply
 from twinlens.scenes.scene import Mesh, SceneWarning
 
@@ -44,22 +50,22 @@ _MOST_CHANNELS = 64
 _MOST_VALUES = 1 << 29
 _LARGEST_PICTURE_FILE = 1 << 30  # bytes
 _LONGEST_REASON = 300
-_OBJ_ZERO = re.compile(r"[ /]0+(?![^ /])")
+_OBJ_ZERO = re.compile(r"[ /][+-]?0+(?![^ /])")
 _OBJ_FACE = re.compile(r"f( [+-]?\d+(/[+-]?\d*){0,2})+ ?")
 _OBJ_CORNER = re.compile(r" ([+-]?\d+)(?:/([+-]?\d+))?")
 _OBJ_READ = {"v", "vt", "vn", "f", "g", "o", "s", "usemtl", "mtllib"}
 _MOST_POSITION_WORDS = 4  # x, y, z and a weight
 _COMMENT = re.compile(r"(^|\s)#.*")  # names such as "Material__#25" have the sign too
 _CONTINUED = re.compile(r"\\\r?\n")
-_OBJ_VERTEX = re.compile("v[tn]? ")
 _SILENCING = threading.Lock()
 # trimesh logs tracebacks of damaged files; without any handler, Python would print them.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
-_PILLOW_FORMATS = {
-    ".png": ["PNG"],
-    ".jpg": ["JPEG"],
-    ".jpeg": ["JPEG"],
-    ".bmp": ["BMP"],
+_PICTURE_KINDS = {
+    ".png": "PNG",
+    ".jpg": "JPEG",
+    ".jpeg": "JPEG",
+    ".bmp": "BMP",
+    ".webp": "WEBP",
 }
 
 
@@ -222,8 +228,9 @@ def _read_8bit(path: Path) -> tuple[NDArray[np.float32], bool]:
     from PIL import Image
 
     data = read_limited(path, _LARGEST_PICTURE_FILE)
-    formats = _PILLOW_FORMATS[path.suffix.lower()]
-    with Image.open(BytesIO(data), formats=formats) as image:
+    kind = _PICTURE_KINDS[path.suffix.lower()]
+    _check_kind(path, data, kind)
+    with Image.open(BytesIO(data), formats=[kind]) as image:
         check_picture_size(path, image.width, image.height)
         _name_alpha(path, image)
         if not has_sixteen_bits(data):
@@ -232,6 +239,14 @@ def _read_8bit(path: Path) -> tuple[NDArray[np.float32], bool]:
     values = decode_sixteen_bits(data)
     colors = values[..., [0, 0, 0]] if values.shape[2] < 3 else values[..., :3]
     return colors.astype(np.float32) / np.float32(65535), True
+
+
+def _check_kind(path: Path, data: bytes, kind: str) -> None:
+    """Raise FileError for a picture whose content is of another kind than its name says."""
+    stored = kind_of_picture(data)
+    if stored != kind:
+        remedy = f"; it is a {stored} picture: rename it" if stored else ""
+        raise FileError(f"{path}: is not a {kind} picture{remedy}")
 
 
 def _name_alpha(path: Path, image: Any) -> None:
@@ -344,10 +359,7 @@ def _unpack_rgbe(body: NDArray[np.uint8], height: int, width: int) -> NDArray[np
 
 
 _READERS = {
-    ".png": _read_8bit,
-    ".jpg": _read_8bit,
-    ".jpeg": _read_8bit,
-    ".bmp": _read_8bit,
+    **dict.fromkeys(_PICTURE_KINDS, _read_8bit),
     ".exr": _read_exr,
     ".hdr": _read_hdr,
 }
@@ -396,6 +408,8 @@ def _mesh_data(path: Path) -> tuple[bytes, list[str]]:
         return "\n".join(lines).encode(), obj_not_used(lines)
     if kind == ".ply":
         return triangulated_ply(data), ply_not_used(data)
+    if kind == ".stl":
+        _check_facets(path, data)
     if kind == ".stl" and _has_facet_colors(data):
         return data, ["colours of facets (the object's material)"]
     return data, []
@@ -407,6 +421,17 @@ def without_normals(not_used: list[str], crease_deg: float | None) -> list[str]:
     if crease_deg is not None:
         not_used = [part for part in not_used if part != "normals"]
     return [named.get(part, part) for part in not_used]
+
+
+def _check_facets(path: Path, stl: bytes) -> None:
+    """Raise FileError for a binary STL file that ends before its last facet."""
+    is_text = stl[:512].lstrip()[:5].lower() == b"solid" and b"facet" in stl.lower()
+    count = int.from_bytes(stl[80:84], "little")
+    present = max(0, (len(stl) - 84) // 50)
+    if not is_text and present < count:
+        raise FileError(
+            f"{path}: has {present} of {counted(count, 'facet')}; is the file complete?"
+        )
 
 
 def _has_facet_colors(stl: bytes) -> bool:
@@ -437,16 +462,15 @@ def obj_lines(path: Path, data: bytes) -> list[str]:
 
     Raises FileError for vertex numbers that trimesh misreads.
     """
-    lines = text_lines(data)
-    faces = [(i, line) for i, line in enumerate(lines) if line.startswith("f ")]
-    if any(_OBJ_ZERO.search(line) for _, line in faces):
+    try:
+        lines = with_positive_numbers(text_lines(data))
+    except InputError as error:
+        raise FileError(f"{path}: {error}") from None
+    faces = [line for line in lines if line.startswith("f ")]
+    if any(map(_OBJ_ZERO.search, faces)):
         raise FileError(f"{path}: a face has the vertex number 0; OBJ counts from 1")
     _check_obj_faces(path, lines)
-    negative = next((i for i, line in faces if " -" in line or "/-" in line), None)
-    if negative is not None and any(map(_OBJ_VERTEX.match, lines[negative:])):
-        raise FileError(
-            f"{path}: has negative vertex numbers before its last vertex; export it with positive ones"
-        )
+    _check_positions(path, lines)
     return triangulated_obj(lines)
 
 
@@ -469,6 +493,22 @@ def _check_obj_faces(path: Path, lines: list[str]) -> None:
                     raise FileError(
                         f"{path}: the face {line[:60]!r} refers to {name} {text}; the file has {count}"
                     )
+
+
+def _check_positions(path: Path, lines: list[str]) -> None:
+    """Raise FileError for a vertex that is not three or more numbers with decimal points."""
+    for line in lines:
+        if not line.startswith("v "):
+            continue
+        words = line.split(" ")[1:]
+        try:
+            is_position = len([float(word) for word in words]) >= 3
+        except ValueError:
+            is_position = False
+        if not is_position:
+            raise FileError(
+                f"{path}: the vertex {line[:60]!r} must be three numbers, such as v 0.5 0 1"
+            )
 
 
 def obj_not_used(lines: list[str]) -> list[str]:

@@ -8,7 +8,6 @@ glTF 2.0, chapter 5, and Khronos's extensions.
 # ruff: noqa: N815 (keys are spelt as in glTF)
 
 import math
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from io import BytesIO
@@ -20,7 +19,11 @@ from numpy.typing import NDArray
 
 from twinlens.errors import InputError
 from twinlens.geometry import Float
-from twinlens.pictures import decode_sixteen_bits, has_sixteen_bits
+from twinlens.pictures import (
+    decode_sixteen_bits,
+    has_sixteen_bits,
+    kind_of_picture,
+)
 from twinlens.scenes.assets import check_picture_size, linear_from_srgb
 from twinlens.scenes.materials import (
     Bitmap,
@@ -38,11 +41,6 @@ VERTEX_COLOR = VertexColor("color")
 
 _NEAREST, _CLAMP, _MIRROR = 9728, 33071, 33648
 _WRAPS = {_CLAMP: "clamp", _MIRROR: "mirror"}
-_FORMATS = {
-    re.compile(rb"\x89PNG"): "PNG",
-    re.compile(rb"\xff\xd8\xff"): "JPEG",
-    re.compile(rb"RIFF.{4}WEBP", re.DOTALL): "WEBP",
-}
 _RGBA_CHANNELS = {1: [0, 0, 0, 1], 2: [0, 0, 0, 1], 3: [0, 1, 2, 3], 4: [0, 1, 2, 3]}
 """Where RGBA are in the channels of a picture and one of full opacity after them."""
 _SMOOTHEST = 0.03  # roughness below which a pane is taken as clear
@@ -319,13 +317,12 @@ class Textures:
 
 
 def decode_texels(data: bytes, name: str) -> Stored:
-    """A PNG, JPEG or WebP picture as stored values (H, W, 4), whatever its suffix. Raises InputError."""
+    """A PNG, JPEG, BMP or WebP picture as stored values (H, W, 4), whatever its suffix. Raises InputError."""
     from PIL import Image as Pillow
 
-    kinds = (name for form, name in _FORMATS.items() if form.match(data))
-    kind = next(kinds, None)
+    kind = kind_of_picture(data)
     if kind is None:
-        raise InputError(f"{name} must be a .png, .jpg or .webp picture")
+        raise InputError(f"{name} must be a .png, .jpg, .bmp or .webp picture")
     with Pillow.open(BytesIO(data), formats=[kind]) as image:
         check_picture_size(name, image.width, image.height)
         if not has_sixteen_bits(data):

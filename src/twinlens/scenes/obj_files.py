@@ -130,7 +130,7 @@ def obj_materials(
     lines = obj_lines(path, data)
     libraries: list[str] = []
     for names in _arguments(lines, "mtllib"):
-        libraries += _BETWEEN_LIBRARIES.split(names)
+        libraries += _BETWEEN_LIBRARIES.split(names.replace("\\", "/"))
     used = _arguments(lines, "usemtl")
     if used and not libraries:
         raise FileError(
@@ -191,10 +191,13 @@ def _tables(files: Mapping[str, bytes]) -> tuple[dict[str, Table], dict[str, str
 
 
 def _picture_name(words: list[str]) -> tuple[str, bool]:
-    """The file of a map, whose name may have spaces, and whether options precede it."""
+    """The file of a map, whose name may have spaces, and whether options precede it.
+
+    Programs of Windows separate folders by backslashes.
+    """
     has_options = words[0].startswith("-")
     name = words[-1] if has_options else " ".join(words)
-    return name, has_options and len(words) > 1
+    return name.replace("\\", "/"), has_options and len(words) > 1
 
 
 def _not_rendered(tables: Mapping[str, Table]) -> Iterator[str]:

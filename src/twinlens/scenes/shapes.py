@@ -232,19 +232,33 @@ def tube(
     if closed:
         across_seam = tangent[0] + tangent[-1]
         tangent[[0, -1]] = across_seam / np.linalg.norm(across_seam)
-    # A frame without twist: each normal is the last one without its part along the new tangent.
-    normals, last = [], np.eye(3)[np.argmin(np.abs(tangent[0]))]
-    for t in tangent:
-        last = last - (last @ t) * t
-        last = last / np.linalg.norm(last)
-        normals.append(last)
-    normal = np.array(normals)
+    normal = _normals_without_twist(tangent)
     binormal = np.cross(tangent, normal)
     angle = np.linspace(0, 2 * math.pi, sides + 1)[None, :, None]
     around = np.cos(angle) * normal[:, None] + np.sin(angle) * binormal[:, None]
     length = _arc_length(centre)
     uv = _stacked(angle[..., 0] / (2 * math.pi), (length / length[-1])[:, None])
     return _sheet(centre[:, None] + radii[:, None, None] * around, around, uv)
+
+
+def _normals_without_twist(tangents: Float) -> Float:
+    """A unit normal (N, 3) of each unit tangent (N, 3): the last one without its part along the new tangent.
+
+    Where the path turns by a right angle towards the last normal, nothing is left of that; the rotation from the last
+    tangent to the new one takes it to the last tangent, reversed.
+    """
+    normals, last = [], np.eye(3)[np.argmin(np.abs(tangents[0]))]
+    before = tangents[0]
+    for tangent in tangents:
+        along = last @ tangent
+        across = last - along * tangent
+        if np.linalg.norm(across) < 1e-6:
+            across = -along * before
+            across = across - (across @ tangent) * tangent
+        last = across / np.linalg.norm(across)
+        normals.append(last)
+        before = tangent
+    return np.array(normals)
 
 
 def height_field(
