@@ -1,6 +1,7 @@
-"""Truth of a plant with two instances, against the float64 closed form of its triangles."""
+"""Truth of a plant with two instances, against the float64 closed form of its triangles, one by one."""
 
 import numpy as np
+import pytest
 
 import twinlens as tl
 from twinlens.families.things import make_thing
@@ -21,47 +22,71 @@ def poses():
     return near, far
 
 
-def nearest_depths(camera, triangles):
-    """Depth (H, W) of the first of triangles (F, 3, 3) along each pixel's ray, +inf beside all.
-
-    A ray (x, y, 1) z meets the plane n (p - a) = 0 at z = n a / n (x, y, 1), inside where all edge products agree.
-    """
+def rays_of(camera):
+    """Rays (H W, 3) = (x, y, 1) through the pixel centres of a camera at the origin."""
     v, u = np.mgrid[:HEIGHT, :WIDTH].astype(float)
-    rays = np.stack(
-        [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)],
-        axis=-1,
-    ).reshape(-1, 3)
-    depth = np.full(len(rays), np.inf)
+    x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
+    return np.stack([x, y, np.ones_like(u)], axis=-1).reshape(-1, 3)
+
+
+def first_hits(rays, triangles):
+    """The least t (N,) at which rays (N, 3) t from the origin meet one of triangles (F, 3, 3); +inf where none.
+
+    A ray meets the plane n (p - a) = 0 at t = n a / n ray, inside where all edge products agree.
+    """
+    first = np.full(len(rays), np.inf)
     for a, b, c in triangles:
         normal = np.cross(b - a, c - a)
         with np.errstate(divide="ignore", invalid="ignore"):
-            z = (normal @ a) / (rays @ normal)
-            points = z[:, None] * rays
-            inside = np.isfinite(z) & (z > 0)
+            t = (normal @ a) / (rays @ normal)
+            points = t[:, None] * rays
+            inside = np.isfinite(t) & (t > 0)
             for start, end in ((a, b), (b, c), (c, a)):
                 inside &= np.cross(end - start, points - start) @ normal >= 0
-        depth = np.where(inside & (z < depth), z, depth)
-    return depth.reshape(HEIGHT, WIDTH)
+        first = np.where(inside & (t < first), t, first)
+    return first
 
 
-def test_disparities_of_leaves_are_those_of_their_triangles():
-    piece = make_thing("pot-plant", np.random.default_rng(4))
-    mesh = merged([part for _, part, _ in piece.parts])
-    plant = SceneObject("plant", mesh, "green", instances=poses())
-    green = {"green": lambert(Color((0.1, 0.4, 0.1)))}
-    scene = Scene(
-        "plants",
-        (plant,),
-        green,
-        world_from_left=np.eye(4),
-        depth_range=(0.8, 3.0),
-    )
-    camera = tl.Camera.from_fov(WIDTH, HEIGHT, fov_x_deg=50)
-    rig = tl.Rig.stereo(camera, baseline=BASELINE)
-    truth = tl.ground_truth(scene, rig)[0]
+@pytest.fixture(scope="module")
+def triangles():
+    """Those of both plants (F, 3, 3) in the world, which is the left camera's frame."""
+    mesh = plant()
     placed = [transform_points(pose, mesh.vertices)[mesh.faces] for pose in poses()]
-    depth = nearest_depths(camera, np.concatenate(placed))
-    expected = camera.fx * BASELINE / depth
+    return np.concatenate(placed)
+
+
+def plant():
+    piece = make_thing("pot-plant", np.random.default_rng(4))
+    return merged([part for _, part, _ in piece.parts])
+
+
+@pytest.fixture(scope="module")
+def rig():
+    camera = tl.Camera.from_fov(WIDTH, HEIGHT, fov_x_deg=50)
+    return tl.Rig.stereo(camera, baseline=BASELINE)
+
+
+@pytest.fixture(scope="module")
+def truth(rig):
+    """Of the left camera."""
+    item = SceneObject("plant", plant(), "green", instances=poses())
+    green = {"green": lambert(Color((0.1, 0.4, 0.1)))}
+    left = np.eye(4)
+    scene = Scene(
+        "plants", (item,), green, world_from_left=left, depth_range=(0.8, 3.0)
+    )
+    return tl.ground_truth(scene, rig)[0]
+
+
+@pytest.fixture(scope="module")
+def depth(rig, triangles):
+    """The closed form of the left camera's depths (H, W)."""
+    hits = first_hits(rays_of(rig.cameras[0]), triangles)
+    return hits.reshape(HEIGHT, WIDTH)
+
+
+def test_disparities_of_leaves_are_those_of_their_triangles(rig, truth, depth):
+    expected = rig.cameras[0].fx * BASELINE / depth
     hit = np.isfinite(depth)
     # A ray that passes within rounding of an edge may hit or miss: a few pixels of all.
     agree = np.isfinite(truth.disparity) == hit
@@ -69,3 +94,23 @@ def test_disparities_of_leaves_are_those_of_their_triangles():
     error = np.abs(truth.disparity - expected)[hit & agree]
     assert hit.sum() > 300
     assert np.quantile(error, 0.998) < 1e-4
+
+
+def test_leaves_are_visible_where_no_triangle_is_before_them(
+    rig, truth, depth, triangles
+):
+    """From the right camera's centre, the first triangle towards the point is the one that the point lies on."""
+    camera = rig.cameras[1]
+    hit = np.isfinite(depth)
+    points = (depth.reshape(-1, 1) * rays_of(camera))[hit.ravel()]
+    centre = np.array([BASELINE, 0.0, 0.0])
+    towards = points - centre
+    first = first_hits(towards, triangles - centre)
+    column = camera.fx * towards[:, 0] / towards[:, 2] + camera.cx
+    in_frame = (column >= -0.5) & (column < WIDTH - 0.5)
+    expected = (first > 1 - 1e-6) & in_frame
+    visible = truth.visible[hit]
+    # As above, for rays that graze the edge of a leaf.
+    assert (visible == expected).mean() > 0.997
+    assert 0.05 < 1 - expected.mean() < 0.5
+    assert (first[in_frame] < 1 - 1e-3).mean() > 0.02
