@@ -44,12 +44,16 @@ def within(count, draws, share):
     return abs(count - share * draws) < 4 * np.sqrt(draws * share * (1 - share))
 
 
+def composition(seed):
+    """A scene without anything in it."""
+    root = np.random.SeedSequence(seed)
+    return Composition("empty", root, Assets(), None, (1, 1), 4 / 3, 80)
+
+
 @pytest.fixture(scope="module")
 def balls():
     """Materials of balls, which may have every finish."""
-    scene = Composition(
-        "balls", np.random.SeedSequence(1), Assets(), None, (1, 1), 4 / 3, 80
-    )
+    scene = composition(1)
     solid = KINDS["ball"].make(np.random.default_rng(0))
     return [
         Body("ball", "ball", solid, 0.1, scene, (index,)).material(0.01)
@@ -73,9 +77,7 @@ def test_roughness_spans_the_stated_ranges(balls):
 
 
 def test_only_suitable_kinds_are_of_fabric_or_metal():
-    scene = Composition(
-        "mixed", np.random.SeedSequence(2), Assets(), None, (1, 1), 4 / 3, 80
-    )
+    scene = composition(2)
     for kind in ("apple", "book", "gear"):
         solid = KINDS[kind].make(np.random.default_rng(0))
         found = {
@@ -85,7 +87,7 @@ def test_only_suitable_kinds_are_of_fabric_or_metal():
         assert ("fabric" in found, "metal" in found) == (kind in SOFT, kind in METALLIC)
 
 
-def test_a_stated_share_of_bodies_and_surfaces_is_plain(balls):
+def test_the_scenes_share_of_bodies_is_plain(balls):
     """A plain body has one colour, of varying lightness; the patterns of balls have more."""
     dull = [
         ball.base_color.pixels
@@ -101,13 +103,24 @@ def test_a_stated_share_of_bodies_and_surfaces_is_plain(balls):
         for texels in unclipped
     )
     listed = KINDS["ball"].patterns
-    assert within(
-        plain, len(dull), PLAIN + (1 - PLAIN) * listed.count("plain") / len(listed)
-    )
+    share = composition(1).plain_share(PLAIN)
+    others = listed.count("plain") / len(listed)
+    assert within(plain, len(dull), share + (1 - share) * others)
+
+
+def test_a_stated_share_of_surfaces_is_plain_over_many_scenes():
     rng = np.random.default_rng(3)
-    for share, patterns in (WALLS, TOPS, FLOORS):
-        names = [surface_pattern(rng, (share, patterns))[0] for _ in range(DRAWS)]
-        assert within(names.count("plain"), DRAWS, share)
+    scenes = [composition(seed) for seed in range(DRAWS)]
+    for patterns in (WALLS, TOPS, FLOORS):
+        names = [surface_pattern(scene, rng, patterns)[0] for scene in scenes]
+        assert within(names.count("plain"), DRAWS, patterns[0])
+
+
+def test_some_scenes_are_bare_and_some_have_patterns_alone():
+    shares = [composition(seed).plain_share(0.5) for seed in range(DRAWS)]
+    low, high = np.quantile(shares, (0.1, 0.9))
+    assert low < 0.12
+    assert high > 0.88
 
 
 def grain(name, n, seed=0):

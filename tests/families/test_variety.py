@@ -25,15 +25,15 @@ def spread(values):
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_largest_disparities_are_spread_over_five_to_twenty_five_per_cent(family):
+def test_largest_disparities_are_spread_from_three_to_twenty_seven_per_cent(family):
     shares = []
     for seed in SEEDS:
         scene = scene_of(family, seed)
         near, _ = scene.depth_range
         width = 2 * near * np.tan(np.radians(scene.fov_x_deg) / 2)
         shares.append(scene.baseline / width)
-    assert min(shares) >= 0.05 - 1e-9
-    assert max(shares) <= 0.25 + 1e-9
+    assert min(shares) >= 0.03 - 1e-9
+    assert max(shares) <= 0.27 + 1e-9
     assert spread(shares) > 2
 
 
@@ -49,7 +49,7 @@ def test_some_cameras_are_held_by_hand_and_most_are_level(family):
         right = scene_of(family, seed).world_from_left[:3, 0]
         rolls.append(np.degrees(np.arcsin(abs(right[2]))))
     assert np.median(rolls) < 3
-    assert max(rolls) <= 14.5
+    assert max(rolls) <= 20.5
 
 
 def turned(scene, name):

@@ -78,8 +78,13 @@ def bodies_at_rest(
 ) -> list[tuple[Body, StablePose, Rng]]:
     """A body for each of the `parts`, a stable pose drawn by its probability, and a random stream for its place."""
     resting = []
+    faces = 0
     for part in parts:
         body = draw_body(scene, (name, *part), among)
+        faces += len(body.solid.mesh.faces) if body.kind else 0
+        # A body that is left out here carries none of the others.
+        if not scene.has_room_for(faces):
+            break
         pose = _draw_pose(body, scene.rng("rest", *part))
         if pose is not None:
             resting.append((body, pose, scene.rng("place", *part)))

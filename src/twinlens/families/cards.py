@@ -8,7 +8,7 @@ import numpy as np
 
 from twinlens.families import lighting
 from twinlens.families.composition import Composition, Viewpoint
-from twinlens.families.draws import Rng, one_of, weighted
+from twinlens.families.draws import Rng, log_uniform, one_of, weighted
 from twinlens.families.furniture import board
 from twinlens.families.materials import (
     material,
@@ -18,6 +18,7 @@ from twinlens.families.materials import (
     user_texture,
 )
 from twinlens.families.patterns import draw_chart
+from twinlens.families.relief import draw_dents, rough_front
 from twinlens.families.surfaces import (
     FLOORS,
     QUAD,
@@ -25,8 +26,8 @@ from twinlens.families.surfaces import (
     Sheet,
     quad,
     surface,
+    surface_colors,
     surface_pattern,
-    wall_colors,
 )
 from twinlens.families.things import names_in_scenes, things_for
 from twinlens.families.things.ground import Ground, Layer, spread_count
@@ -39,6 +40,7 @@ from twinlens.scenes.stable_poses import gap, outline
 _TRIES = 30  # random poses of a chart before it is left out
 _NEAREST = 0.92  # metres, before scaling to the depth range
 _LOWEST = 0.3  # metres, of a wall below the sky
+_DENTS = 0.01, 0.06  # metres, the depth of those of rough ground
 _MOST_THINGS, _SIZES_OF_THINGS = 16, (0.2, 1.0)
 NAMES = names_in_scenes() | {
     "wall",
@@ -313,8 +315,14 @@ class _Surroundings:
         floor, wall = self.sheets(distance)
         parts = (("floor", floor, FLOORS, 0.55), ("wall", wall, WALLS, 0.4))
         for name, sheet, patterns, contrast in parts:
-            kind, tile = surface_pattern(rng, patterns, scene.plain_surfaces)
-            colors = wall_colors(scene.rng(name, "colours"), scene.palette, contrast)
+            kind, tile = surface_pattern(scene, rng, patterns)
+            colors = surface_colors(scene, scene.rng(name, "colours"), contrast)
             tile *= 0.3 * scene.view.covered(distance)[0]
             fitted, look = surface(scene, scene.rng(name), sheet, kind, colors, tile)
-            scene.add(name, fitted.mesh(), look)
+            front = None
+            if name == "floor" and scene.is_rough:
+                stream = scene.rng("dents")
+                depth = log_uniform(stream, *_DENTS)
+                dents = draw_dents(stream, depth, stream.uniform(20, 45) * depth)
+                front = rough_front(fitted, dents)
+            scene.add(name, fitted.mesh(front=front), look)

@@ -27,8 +27,20 @@ from twinlens.seeds import generator
 Triangles = tuple[Float, NDArray[np.uint32]]
 """Vertices (V, 3) in the world, and faces (F, 3)."""
 
-_SHARES = 0.05, 0.25  # of the picture's width: the largest disparity
-_OPEN_AIR = 0.35  # share of the scenes with sky above the wall, where a family has both
+_SHARES = 0.03, 0.27  # of the picture's width: the largest disparity
+_OVERGROWN = 0.16  # share of the scenes that are full of plants
+_NIGHTS = 0.35  # share of the scenes that are lit by one lamp
+_HELD, _TILT_DEG = (
+    0.4,
+    20.0,
+)  # share of the cameras held by hand, and how far these are from level
+_MAX_FACES = 100_000  # of a scene, without the user's meshes
+_FACES_OF_SURROUNDINGS = 12_000  # walls, tables and floors, which are added last
+_ROUGH = 0.3  # share of the scenes with rough ground, where a family has it
+_FACES_OF_ROUGH_GROUND = 46_000
+_OPEN_AIR = (
+    0.6  # share of the scenes by day with sky above the wall, where a family has both
+)
 _NEAR = 1e-3  # metres: triangles are clipped at this depth
 
 
@@ -182,6 +194,7 @@ class Composition:
         default_factory=dict, repr=False
     )
     lights: dict[str, Plugin] = field(default_factory=dict)
+    faces: int = 0
 
     def __post_init__(self) -> None:
         self.count = self._draw_count()
@@ -210,8 +223,9 @@ class Composition:
     def look(self, eye: Float, target: Float, fov_x_deg: float) -> None:
         """Set the view from `eye` to `target`; most cameras are nearly level, two of five are held by hand."""
         rng = self.rng("roll")
-        is_held = rng.random() < 0.4
-        roll_deg = rng.uniform(-14, 14) if is_held else rng.normal(0, 0.8)
+        is_held = rng.random() < _HELD
+        tilt_deg = rng.uniform(-_TILT_DEG, _TILT_DEG)
+        roll_deg = tilt_deg if is_held else rng.normal(0, 0.8)
         pose = look_at(eye, target) @ rotation([0, 0, 1], roll_deg)
         self.view = Viewpoint(pose, float(fov_x_deg), self.aspect, self.width_px)
 
@@ -226,12 +240,43 @@ class Composition:
         # In the picture at x, in units of the focal length, 1/depth is proportional to 1 - x tan(yaw).
         share = max(1.0, depth_ratio / 1.4)
         most = (share - 1) / (share + 1) / self.view.half[0]
-        return side * math.atan(float(rng.random()) * most)
+        turned = min(1.0, 1.3 * float(rng.random()))
+        return side * math.atan(turned * most)
+
+    @cached_property
+    def is_night(self) -> bool:
+        """Whether the scene is lit by one lamp, and what is around it is dark."""
+        return bool(self.rng("night").random() < _NIGHTS)
+
+    @cached_property
+    def is_overgrown(self) -> bool:
+        """Whether all things of the scene are plants, as many and as large as there may be."""
+        return bool(self.rng("overgrown").random() < _OVERGROWN)
+
+    @cached_property
+    def is_rough(self) -> bool:
+        """Whether the ground or the table top has dents."""
+        return bool(self.rng("rough").random() < _ROUGH)
+
+    def plain_share(self, mean: float) -> float:
+        """The probability in this scene that a surface is plain, where it is `mean` over all scenes.
+
+        u^(1/mean - 1) of a uniform number u has this mean. So there are scenes with patterns alone, and bare ones.
+        """
+        drawn = float(self.rng("plainness").random())
+        return float(drawn ** (1 / mean - 1))
+
+    def has_room_for(self, faces: int) -> bool:
+        """Whether an object of so many triangles keeps the scene within the limit that its size has."""
+        kept = _FACES_OF_SURROUNDINGS
+        if self.is_rough:
+            kept += _FACES_OF_ROUGH_GROUND
+        return self.faces + faces <= _MAX_FACES - kept
 
     def skyline(self) -> float:
         """Where in the picture the wall behind the scene ends, from -1 at its top to 1; -inf where it has no end."""
         rng = self.rng("skyline")
-        if rng.random() >= _OPEN_AIR:
+        if self.is_night or rng.random() >= _OPEN_AIR:
             return -math.inf
         return float(rng.uniform(-0.9, 0.2))
 
@@ -260,6 +305,8 @@ class Composition:
         self.triangles.append(
             (transform_points(world_from_object, mesh.vertices), mesh.faces)
         )
+        if not isinstance(mesh, UserMesh):
+            self.faces += len(mesh.faces)
 
     def add_surfaces(
         self,
@@ -289,6 +336,7 @@ class Composition:
             self.objects.append(made)
             vertices = transform_points(world_from_mesh, whole.vertices)
             self.triangles.append((vertices, whole.faces))
+            self.faces += len(whole.faces)
 
     def _free_name(self, name: str) -> str:
         plain = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-") or "body"
@@ -337,7 +385,7 @@ class Composition:
     def scene(self, about: str) -> Scene:
         """The scene, scaled to the requested nearest depth about the camera's centre, which changes no pixel.
 
-        The baseline gives the nearest point a disparity of 5% to 25% of the picture's width.
+        The baseline gives the nearest point a disparity of 3% to 27% of the picture's width.
         """
         objects, view = self.objects, self.view
         near, far = self.visible_range()

@@ -12,7 +12,13 @@ from twinlens.families.draws import Rng, log_uniform, one_of
 from twinlens.families.furniture import Piece
 from twinlens.families.kinds import KINDS, draw_body
 from twinlens.families.materials import body_material
-from twinlens.families.surfaces import WALLS, Sheet, surface, wall_colors
+from twinlens.families.surfaces import (
+    WALLS,
+    Sheet,
+    surface,
+    surface_colors,
+    surface_pattern,
+)
 from twinlens.families.things import (
     THINGS,
     add_thing,
@@ -20,6 +26,7 @@ from twinlens.families.things import (
     names_in_scenes,
     things_for,
 )
+from twinlens.families.things.ground import PLANTS
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.scene import Mesh
@@ -73,10 +80,13 @@ def _add_bodies(
         if model is None:
             _add_body(scene, air, index, depth, rng)
             continue
+        if not scene.has_room_for(air.faces + model.faces):
+            continue
         reach = air.reach(depth, log_uniform(rng, *_SIZES_OF_THINGS))
         centre = air.take(rng, depth, reach)
         if centre is not None:
             model.place(_random_rotation(rng), centre, reach)
+            air.faces += model.faces
     drawn = [model for model in models if model is not None and model.poses]
     for number, model in enumerate(dict.fromkeys(drawn)):
         add_thing(scene, model.piece, model.poses, ("thing", number))
@@ -87,6 +97,8 @@ def _add_body(
 ) -> None:
     """Add a body beyond a depth in metres, unless no place is free."""
     body = draw_body(scene, ("body", index))
+    if body.kind and not scene.has_room_for(air.faces + len(body.solid.mesh.faces)):
+        return
     reach = air.reach(depth, log_uniform(rng, *_SIZES))
     # The radius of the bounding sphere of the mesh.
     radius = float(np.linalg.norm(body.solid.mesh.vertices, axis=1).max())
@@ -111,9 +123,13 @@ def _draw_models(scene: Composition) -> "list[_Model | None]":
     share = 0.0
     if rng.random() >= _WITHOUT_THINGS:
         share = scene.assets.share_of_ours * float(rng.random()) ** 0.6
+    if scene.is_overgrown:
+        share = scene.assets.share_of_ours
     is_thing = rng.random(scene.count) < share
     number = max(1, math.ceil(is_thing.sum() / log_uniform(rng, 1.0, 4.0)))
     names = tuple(name for name in THINGS if name not in things_for("street"))
+    if scene.is_overgrown:
+        names = PLANTS
     drawn = [
         _Model.of(make_thing(one_of(rng, names), scene.rng("thing", "shape", index)))
         for index in range(number)
@@ -130,6 +146,11 @@ class _Model:
     radius: float
     poses: list[Float] = field(default_factory=list)
 
+    @property
+    def faces(self) -> int:
+        """Of one copy."""
+        return sum(len(mesh.faces) for _, mesh, _ in self.piece.parts)
+
     @staticmethod
     def of(piece: Piece) -> "_Model":
         vertices = np.concatenate([mesh.vertices for _, mesh, _ in piece.parts])
@@ -145,11 +166,15 @@ class _Model:
 
 @dataclass(eq=False)
 class _Air:
-    """The space before the camera: the spheres that are taken, (centre, radius), and the wall behind."""
+    """The space before the camera: the spheres that are taken, (centre, radius), and the wall behind.
+
+    faces : of the things that have a place and are not yet objects of the scene.
+    """
 
     view: Viewpoint
     wall: "_Wall | None"
     taken: list[tuple[Float, float]] = field(default_factory=list)
+    faces: int = 0
 
     def reach(self, depth: float, share: float) -> float:
         """The radius of a sphere at a depth that covers a share of the picture's width."""
@@ -235,9 +260,9 @@ class _Wall:
 def _add_wall(scene: Composition, wall: _Wall, far: float) -> None:
     rng, view = scene.rng("backdrop"), scene.view
     distance = scene.backdrop_distance(wall.meshes, far, wall.nearest)
-    name, tile = one_of(rng, WALLS[1])  # never plain: other scenes have a plain sky
+    name, tile = surface_pattern(scene, rng, WALLS)
     tile *= 0.25 * view.covered(distance)[0]
-    sheet, colors = wall.sheet(distance), wall_colors(rng, scene.palette)
+    sheet, colors = wall.sheet(distance), surface_colors(scene, rng)
     fitted, look = surface(scene, scene.rng("wall"), sheet, name, colors, tile)
     scene.add("backdrop", fitted.mesh(), look)
 

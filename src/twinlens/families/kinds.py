@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from twinlens.families import makers
 from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng, log_uniform, weighted
-from twinlens.families.materials import FINISHES, body_material, user_texture
+from twinlens.families.materials import FINISHES, PLAIN, body_material, user_texture
 from twinlens.families.solids import (
     Solid,
     box_mapped,
@@ -168,6 +168,7 @@ class Body:
             scene.palette,
             finish,
             patterns if picture is None else picture,
+            scene.plain_share(PLAIN),
         )
 
 

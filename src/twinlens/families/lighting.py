@@ -110,6 +110,8 @@ def one_kind(
     sky that may be seen.
     """
     listed = [row for row in KINDS if not outdoors or row[0] in _OUTDOORS]
+    if scene.is_night:
+        listed = [(one_lamp, 1.0)]
     kinds = [kind for kind, _ in listed]
     shares = [share for _, share in listed]
     light = weighted(rng, kinds, shares)
@@ -153,13 +155,14 @@ def one_lamp(
 ) -> None:
     """Night with one small lamp near the scene: what is beside it may clip, and its shadows are nearly black."""
     tone = one_of(rng, [WARM, WARM, NEUTRAL])
-    towards = from_direction(-90.0 + side * rng.uniform(50, 92), rng.uniform(14, 60))
-    distance = rng.uniform(1.5, 2.6) * radius
-    half = rng.uniform(0.12, 0.3) * radius
+    towards = from_direction(-90.0 + side * rng.uniform(50, 92), rng.uniform(8, 55))
+    # Beside the picture. The nearer, the faster its light falls off over the scene.
+    distance = log_uniform(rng, 1.2, 2.4) * radius / abs(towards[0])
+    half = rng.uniform(0.06, 0.2) * distance
     strength = 2.5 * (distance / half) ** 2 * rng.uniform(0.8, 1.25)
     place = middle + distance * towards
     panel(scene, "key-light", place, middle, np.full(2, 2 * half), strength * tone)
-    _ambient(scene, log_uniform(rng, 0.002, 0.03) * COOL)
+    _ambient(scene, log_uniform(rng, 0.0001, 0.006) * COOL)
 
 
 def window(
@@ -171,7 +174,7 @@ def window(
     place = middle + 2.6 * radius * towards
     sides = radius * rng.uniform(1.2, 2.2, 2)
     panel(scene, "key-light", place, middle, sides, rng.uniform(7, 12) * tone)
-    _ambient(scene, log_uniform(rng, 0.02, 0.15) * tone)
+    _ambient(scene, log_uniform(rng, 0.004, 0.12) * tone)
 
 
 def overcast(
@@ -207,13 +210,12 @@ def daylight(
 
 
 KINDS: tuple[tuple[Light, float], ...] = (
-    (key_and_fill, 0.34),
-    (daylight, 0.2),
-    (overcast, 0.12),
-    (window, 0.12),
-    (one_lamp, 0.22),
+    (key_and_fill, 0.4),
+    (daylight, 0.26),
+    (overcast, 0.14),
+    (window, 0.2),
 )
-"""Kinds of light and their shares of the scenes."""
+"""Kinds of light and their shares of the scenes by day; at night there is one lamp."""
 _OUTDOORS = (daylight, overcast)
 NAMES = frozenset(("sun", "key-light", "fill-light"))
 """Names of the lamps that they add."""

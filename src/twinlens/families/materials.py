@@ -68,15 +68,18 @@ def body_material(
     palette: Palette,
     finish: str,
     names: Sequence[str] | Image,
+    plain_share: float = PLAIN,
 ) -> Material:
-    """A material for a body `size` metres large, with one of the patterns `names` or a user's picture."""
+    """A material for a body `size` metres large, with one of the patterns `names` or a user's picture.
+
+    plain_share : the probability that it has no pattern, where "plain" is among the names.
+    """
     if isinstance(names, np.ndarray):
         tile = size * one_of(rng, [0.5, 1.0])
         pixels = resized(names, texels(tile, pixel))
     else:
-        name = (
-            "plain" if "plain" in names and rng.random() < PLAIN else one_of(rng, names)
-        )
+        is_plain = "plain" in names and rng.random() < plain_share
+        name = "plain" if is_plain else one_of(rng, names)
         tile = size * one_of(rng, [0.35, 0.5, 0.7, 1.0])
         tile = size if name in ("art", "wood", "marble", "cloudy") else tile
         n = texels(tile, pixel)

@@ -9,7 +9,7 @@ import numpy as np
 from twinlens.families import furniture, lighting
 from twinlens.families.arrangement import Area, arrange, bodies_at_rest
 from twinlens.families.composition import Composition, rasterize
-from twinlens.families.draws import Rng, one_of
+from twinlens.families.draws import Rng, log_uniform, one_of
 from twinlens.families.furniture import Piece, Shelf, board
 from twinlens.families.materials import furniture_material
 from twinlens.families.solids import double_sided
@@ -18,8 +18,8 @@ from twinlens.families.surfaces import (
     WALLS,
     Sheet,
     surface,
+    surface_colors,
     surface_pattern,
-    wall_colors,
 )
 from twinlens.families.things import THINGS, add_thing, names_in_scenes, things_for
 from twinlens.families.things.ground import (
@@ -283,22 +283,22 @@ class _FloorPlan:
 def _add_shell(scene: Composition, shell: Shell) -> None:
     """Add floor, walls, ceiling and skirting in the scene's colours; the back wall may have its own pattern."""
     rng = scene.rng("shell")
-    colors = wall_colors(scene.rng("wall colours"), scene.palette, 0.4)
-    name, tile = surface_pattern(rng, WALLS, scene.plain_surfaces)
+    colors = surface_colors(scene, scene.rng("wall colours"), 0.4)
+    name, tile = surface_pattern(scene, rng, WALLS)
     accent = rng.random() < 0.5
     for side, sheet in shell.sheets().items():
         if side == "front-wall" and not scene.own_lights:
             continue
         kind, size, tones, finish = name, tile, colors, "matte"
         if side == "floor":
-            kind, size = surface_pattern(rng, FLOORS, scene.plain_surfaces)
-            tones = wall_colors(scene.rng("floor colours"), scene.palette, 0.55)
+            kind, size = surface_pattern(scene, rng, FLOORS)
+            tones = surface_colors(scene, scene.rng("floor colours"), 0.55)
             finish = one_of(rng, ["matte", "satin", "clearcoat"])
         elif side == "ceiling":
             kind, size, tones = "plain", 2.0, np.array([[0.78, 0.77, 0.74]])
         elif side == "back-wall" and accent:
-            kind, size = surface_pattern(rng, WALLS, scene.plain_surfaces)
-            tones = wall_colors(scene.rng("accent"), scene.palette, 0.45)
+            kind, size = surface_pattern(scene, rng, WALLS)
+            tones = surface_colors(scene, scene.rng("accent"), 0.45)
         stream = scene.rng("surface", side)
         fitted, look = surface(scene, stream, sheet, kind, tones, size, finish)
         scene.add(side, fitted.mesh(), look)
@@ -326,7 +326,10 @@ def _add_window(scene: Composition, pose: Float, index: int) -> None:
     sky = lighting.COOL * (0.7, 0.85, 1.0) if rng.random() < 0.7 else lighting.WARM
     upright = translation([0, -0.012, sill + tall / 2]) @ rotation([1, 0, 0], 90.0)
     pane = shapes.transformed(lighting.rectangle(wide, tall), upright)
-    level = float(rng.uniform(1.8, 3.0))
+    # By day as bright as a covered sky to a sunlit street, which clip; at night nearly black.
+    level = (
+        log_uniform(rng, 0.004, 0.05) if scene.is_night else log_uniform(rng, 4.0, 50.0)
+    )
     lighting.emitter(scene, f"window-pane-{index}", pane, pose, level * sky)
     pixel = scene.pixel_at(pose[:3, 3], 0.5)
     white = furniture_material(scene, ("window", index), "white", pixel)
@@ -531,10 +534,16 @@ def _add_picture(
 
 
 def _light(scene: Composition, shell: Shell) -> None:
-    """Add a large window beside the camera, out of the image, and in most rooms a warm lamp below the ceiling."""
+    """Add a large window beside the camera, out of the image, and in most rooms a warm lamp below the ceiling.
+
+    At night there is a small lamp alone, with hard shadows.
+    """
     rng = scene.rng("light")
+    if scene.is_night:
+        _add_ceiling_lamp(scene, rng, shell, rng.uniform(0.2, 0.5), rng.uniform(18, 30))
+        return
     if rng.random() < 0.8:
-        _add_ceiling_lamp(scene, rng, shell)
+        _add_ceiling_lamp(scene, rng, shell, rng.uniform(1.0, 1.7), rng.uniform(4, 12))
     # On the side wall that the camera looks away from, or on the other one if that is before its eyes.
     near = 1.0 if scene.view.eye[0] > 0 else -1.0
     if abs(scene.view.eye[0]) > 0.33 * shell.width:
@@ -548,14 +557,18 @@ def _light(scene: Composition, shell: Shell) -> None:
     lighting.panel(scene, "side-window", place, inwards, size, level * tone)
 
 
-def _add_ceiling_lamp(scene: Composition, rng: Rng, shell: Shell) -> None:
-    """Add a square lamp below the ceiling, moved towards the camera until it is out of the picture."""
+def _add_ceiling_lamp(
+    scene: Composition, rng: Rng, shell: Shell, side: float, flux: float
+) -> None:
+    """Add a square lamp below the ceiling, moved towards the camera until it is out of the picture.
+
+    side : metres. flux : its radiance times its area.
+    """
     x = rng.uniform(-0.2, 0.2) * shell.width
     y = rng.uniform(0.3, 0.6) * shell.back
     spot = np.array([x, y, shell.height - 0.02])
-    side = rng.uniform(1.0, 1.7)
     tone = one_of(rng, [lighting.WARM, lighting.WARM, lighting.NEUTRAL])
-    level = rng.uniform(4.0, 12.0) / side**2
+    level = flux / side**2
     lamp = lighting.rectangle(side + 0.3, side + 0.3)
     front = shell.front + side / 2
     while spot[1] > front:

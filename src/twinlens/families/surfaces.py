@@ -43,6 +43,7 @@ _SEEN = np.array([_BEYOND, _ABOVE])
 _MIN_TEXELS = 128
 _BAND = 16  # rows that are baked at a time
 _MAX_STRIDE = 16
+_COLUMNS_PER_PIXEL = 1.5  # computed ones; those between are interpolated
 _MAX_TAPS = 4  # places along the strip that a pixel covers
 _SQUARE = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
 QUAD = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
@@ -108,10 +109,14 @@ class Sheet:
         normals = np.tile(self.normal, (len(corners), 1))
         return Mesh(corners, faces, normals, uv.reshape(-1, 2))
 
-    def mesh(self, thickness: float = 0.0) -> Mesh:
-        """The front or, with a thickness, a closed slab behind it; (u, v) are those of the front."""
+    def mesh(self, thickness: float = 0.0, front: Mesh | None = None) -> Mesh:
+        """The front or, with a thickness, a closed slab behind it; (u, v) are those of the front.
+
+        front : another front, of the same outline.
+        """
+        front = front or self.front()
         if thickness == 0:
-            return self.front()
+            return front
         corners = self.corner + _SQUARE @ np.stack([self.u, self.v])
         behind = corners - thickness * self.normal
         sides = []
@@ -120,7 +125,7 @@ class Sheet:
             edge = [corners[i], behind[i], behind[i - 3], corners[i - 3]]
             sides.append(quad(np.stack(edge), _SQUARE[[i, i, i - 3, i - 3]]))
         back = quad(behind[::-1], _SQUARE[::-1])
-        return shapes.merged([self.front(), back, *sides])
+        return shapes.merged([front, back, *sides])
 
 
 def quad(corners: Float, uv: Float) -> Mesh:
@@ -143,13 +148,13 @@ def surface(
 
     The material has a pattern that repeats every `tile` metres, filtered for the view.
     """
+    # Of the view alone, so that another pattern does not change the mesh.
+    sheet = sheet.seen_from(scene.view, 0.0)
     near = _nearest_pixel(sheet, scene.view)
     if name == "cloudy":
         # Clouds of a wall are faint: the other colours are mixed with the first one.
         colors = np.vstack([colors[:1], 0.55 * colors[:1] + 0.45 * colors[1:]])
     image = pattern(name, _pattern_texels(tile, near), rng, colors, tile)
-    # Of the view alone, so that another pattern does not change the mesh.
-    sheet = sheet.seen_from(scene.view, 0.0)
     baked = bake(image, tile, sheet, scene.view)
 
     # Wear: noise that is slow over the whole surface, faint on plain paint.
@@ -182,9 +187,8 @@ def _on_texels(picture: Image, sheet: Sheet) -> Image:
 
 
 def _nearest_pixel(sheet: Sheet, view: Viewpoint) -> float:
-    """The width in metres of a pixel where the visible part of the sheet is nearest; at 1 m if no part is visible."""
-    across, along = _fitted(sheet, view, 0.0)
-    depth, is_visible = _project(sheet, view, across.at, along.at, _SEEN)
+    """The width in metres of a pixel where a fitted sheet is visible and nearest; at 1 m if no part is visible."""
+    depth, is_visible = _project(sheet, view, sheet.across.at, sheet.along.at, _SEEN)
     nearest = float(depth[is_visible].min()) if is_visible.any() else 1.0
     return view.pixel(nearest)
 
@@ -283,45 +287,54 @@ def bake(image: Image, tile: float, sheet: Sheet, view: Viewpoint) -> Image:
     packed = [_packed(level) for level in pyramid]
     t = sheet.along.shares()[::-1]  # row 0 is the top, where the share is 1
     high = sheet.along.steps()[::-1] * sheet.lengths[1]
-    columns = sheet.across.texels
-    baked = np.empty((len(t), columns, 3), dtype=np.float32)
+    shares = sheet.across.shares()
+    widths = sheet.across.steps() * sheet.lengths[0]
+    baked = np.empty((len(t), sheet.across.texels, 3), dtype=np.float32)
     for top in range(0, len(t), _BAND):
         rows = slice(top, top + _BAND)
-        # Columns are as near to each other as the nearest pixels need. Farther away only some are computed.
-        stride = _stride(sheet, view, t[rows])
-        computed = np.minimum(np.arange(0, columns + stride, stride), columns - 1)
-        s = sheet.across.shares()[computed]
-        wide = sheet.across.steps()[computed] * sheet.lengths[0]
+        computed = _needed_columns(sheet, view, t[rows])
+        s, wide = shares[computed], widths[computed]
         strip = _footprint(sheet, view, s, t[rows, None], (wide, high[rows, None]))
         x = np.broadcast_to(s * sheet.lengths[0] / tile, strip.width.shape)
         y = (1 - t[rows, None]) * sheet.lengths[1] / tile
         y = np.broadcast_to(y, strip.width.shape)
         values = _filtered(packed, tile, x, y, strip)
-        baked[rows] = _every_column(values, stride, columns)
+        baked[rows] = _every_column(values, computed)
     return baked
 
 
-def _stride(sheet: Sheet, view: Viewpoint, t: Float) -> int:
-    """How many columns of texels, in rows at shares `t` of the side, are as wide as the smallest pixel seen there."""
-    s = sheet.across.shares()[::_MAX_STRIDE]
-    wide = sheet.across.steps()[::_MAX_STRIDE] * sheet.lengths[0]
+def _needed_columns(sheet: Sheet, view: Viewpoint, t: Float) -> NDArray[np.int64]:
+    """The columns of texels (N,) to compute in rows at shares `t` of the side, among them the first and the last.
+
+    Columns are as near to each other as the nearest rows need. In other rows, those that are a part of a pixel from
+    each other suffice, and fewer where nothing is seen.
+    """
+    columns = sheet.across.texels
+    ends = np.arange(0, columns + _MAX_STRIDE - 1, _MAX_STRIDE).clip(max=columns - 1)
+    s = sheet.across.shares()[ends]
+    wide = sheet.across.steps()[ends] * sheet.lengths[0]
     _, is_visible = _project(sheet, view, s, t, _SEEN)
     strip = _footprint(sheet, view, s, t[:, None], (wide, np.zeros_like(wide)))
-    ratio = np.where(is_visible, strip.width / wide, np.inf).min()
-    return int(np.clip(ratio, 1, _MAX_STRIDE))
+    in_pixel = np.where(is_visible, strip.width / wide, np.inf).min(axis=0)
+    step = np.clip(in_pixel / _COLUMNS_PER_PIXEL, 1, _MAX_STRIDE)
+    # Between two ends, the smaller step of both. A column is needed where the steps add up to the next whole number.
+    least = np.minimum(step[:-1], step[1:])
+    place = np.cumsum(np.repeat(1 / least, np.diff(ends)))
+    is_needed = np.diff(np.floor(place), prepend=-1.0) > 0
+    return np.union1d(np.flatnonzero(is_needed), [0, columns - 1])
 
 
-def _every_column(values: Image, stride: int, columns: int) -> Image:
-    """All `columns` of values (R, N, 3) that were computed for every `stride`-th one, and for the last; linear."""
-    if stride == 1:
-        return values[:, :columns]
-    place = np.arange(columns)
-    left = place // stride
-    # The last two computed columns may be nearer to each other.
-    ends = np.minimum(np.arange(values.shape[1]) * stride, columns - 1)
-    gap = np.maximum(ends[left + 1] - ends[left], 1)
-    weight = ((place - ends[left]) / gap).astype(np.float32)[:, None]
-    return np.asarray(values[:, left] * (1 - weight) + values[:, left + 1] * weight)
+def _every_column(values: Image, computed: NDArray[np.int64]) -> Image:
+    """All columns of values (R, N, 3) at the columns `computed` (N,), the last of which is the last of all; linear."""
+    columns = int(computed[-1]) + 1
+    if len(computed) == columns:
+        return values
+    left = np.repeat(np.arange(len(computed) - 1), np.diff(computed))
+    left = np.append(left, len(computed) - 2)
+    gap = computed[left + 1] - computed[left]
+    weight = ((np.arange(columns) - computed[left]) / gap).astype(np.float32)[:, None]
+    start = values[:, left]
+    return np.asarray(start + weight * (values[:, left + 1] - start))
 
 
 class _Strip(NamedTuple):
@@ -370,7 +383,7 @@ def _filtered(
     out = np.empty((*x.shape, 3), dtype=np.float32)
     # Between strips of several places, levels need no blending.
     level = np.where(taps == 1, level, np.rint(level))
-    for count in np.unique(taps):
+    for count in np.flatnonzero(np.bincount(taps.ravel())):
         chosen = taps == count
         place = np.stack([x[chosen], y[chosen]], axis=-1)
         # Along the strip; y runs against v.
@@ -388,7 +401,7 @@ def _trilinear(pyramid: list[Texels], level: Float, place: Float) -> Image:
     lower = level.astype(np.int64)
     fraction = (level - lower).astype(np.float32)
     out = np.empty((len(place), 4), dtype=np.float32)
-    for number in np.unique(lower):
+    for number in np.flatnonzero(np.bincount(lower)):
         here = lower == number
         out[here] = _wrapped(pyramid[number], y[here], x[here])
         here &= fraction > 0
@@ -430,6 +443,8 @@ def _wrapped(picture: Texels, y: Image, x: Image) -> Image:
 Patterns = tuple[float, tuple[tuple[str, float], ...]]
 """The probability that a surface is plain, and patterns with the size in metres of a tile."""
 
+# At night: the share of dark walls, floors and tables, and the factor of their colours.
+_DARK_AT_NIGHT, _DARK = 0.85, 0.07
 _CLOTH = (
     "weave",
     "gingham",
@@ -441,11 +456,11 @@ WALLS: Patterns = (0.5, (
     ("cloudy", 1.6), ("weave", 0.5), ("stripes", 0.7), ("bricks", 1.0), ("scales", 0.8), ("dots", 0.8), ("tiles", 0.8),
     ("planks", 1.1), ("granite", 1.0), ("triangles", 1.4), ("zigzag", 0.9),
 ))
-TOPS: Patterns = (0.2, (
+TOPS: Patterns = (0.28, (
     ("planks", 0.7), ("planks", 0.9), ("wood", 0.6), ("wood", 0.8), ("marble", 0.9), ("gingham", 0.35),
     ("stripes", 0.5), ("weave", 0.3), ("chips", 0.5), ("tiles", 0.5), ("granite", 0.5), ("mosaic", 0.5),
 ))
-FLOORS: Patterns = (0.2, (
+FLOORS: Patterns = (0.28, (
     ("planks", 1.1), ("planks", 1.3), ("planks", 1.2), ("tiles", 1.6), ("chips", 1.2), ("checks", 1.2),
     ("granite", 0.8), ("mosaic", 1.2), ("marble", 1.6), ("weave", 0.4),
 ))
@@ -453,13 +468,13 @@ FLOORS: Patterns = (0.2, (
 
 
 def surface_pattern(
-    rng: Rng, patterns: Patterns, may_be_plain: bool = True
+    scene: Composition, rng: Rng, patterns: Patterns
 ) -> tuple[str, float]:
     """The pattern of a wall, table top or floor, and the size of its tile in metres."""
     plain_share, with_pattern = patterns
-    if rng.random() >= plain_share:
+    if rng.random() >= scene.plain_share(plain_share):
         return one_of(rng, with_pattern)
-    if may_be_plain:
+    if scene.plain_surfaces:
         return "plain", 1.6
     # From a stream of its own, which keeps the draws that follow.
     return one_of(rng.spawn(1)[0], with_pattern)
@@ -474,3 +489,10 @@ def wall_colors(rng: Rng, palette: Palette, contrast: float = 0.35) -> Float:
     ground = grounds[0]
     paints = np.vstack([grounds[1:], palette.accents])
     return np.vstack([grounds[:1], ground + (paints - ground) * (contrast + 0.15)])
+
+
+def surface_colors(scene: Composition, rng: Rng, contrast: float = 0.35) -> Float:
+    """Colours of a wall, floor or table: at night most are dark, so that shadows are not lit by what is around them."""
+    colors = wall_colors(rng, scene.palette, contrast)
+    is_dark = scene.is_night and rng.random() < _DARK_AT_NIGHT
+    return colors * (_DARK if is_dark else 1.0)

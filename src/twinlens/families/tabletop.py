@@ -8,16 +8,17 @@ import numpy as np
 from twinlens.families import lighting
 from twinlens.families.arrangement import Area, arrange, bodies_at_rest
 from twinlens.families.composition import Composition, Viewpoint
-from twinlens.families.draws import Rng, one_of
+from twinlens.families.draws import Rng, log_uniform, one_of
 from twinlens.families.kinds import Body
+from twinlens.families.relief import draw_dents, rough_front
 from twinlens.families.surfaces import (
     FLOORS,
     TOPS,
     WALLS,
     Sheet,
     surface,
+    surface_colors,
     surface_pattern,
-    wall_colors,
 )
 from twinlens.families.things import names_in_scenes, things_for
 from twinlens.families.things.ground import Ground, count_among_bodies
@@ -27,6 +28,7 @@ from twinlens.scenes.stable_poses import StablePose
 
 _TABLE_HEIGHT = 0.74  # metres, of the table's top above the floor
 _THICKNESS = 0.035  # metres, of the table's top
+_DENTS = 0.004, 0.022  # metres, the depth of those of a rough table
 _NARROWEST_DEG = 12  # the field of view is not narrowed below it
 _MOST_THINGS = 20  # on a table
 _LOWEST = 0.03  # metres above the table, of the end of a wall below the sky
@@ -144,14 +146,20 @@ def _add_surroundings(
     rng = scene.rng("furnish")
     for name, sheet in surroundings.sheets(distance).items():
         patterns, contrast = _PATTERNS[name]
-        kind, tile = surface_pattern(rng, patterns, scene.plain_surfaces)
-        colors = wall_colors(scene.rng(f"{name} colours"), scene.palette, contrast)
+        kind, tile = surface_pattern(scene, rng, patterns)
+        colors = surface_colors(scene, scene.rng(f"{name} colours"), contrast)
         finish, thickness = "matte", 0.0
         if name == "table":
             finish, thickness = one_of(rng, _TABLE_FINISHES), _THICKNESS
         stream = scene.rng(name)
         fitted, look = surface(scene, stream, sheet, kind, colors, tile, finish)
-        scene.add(name, fitted.mesh(thickness), look)
+        front = None
+        if name == "table" and scene.is_rough:
+            dents_rng = scene.rng("dents")
+            depth = log_uniform(dents_rng, *_DENTS)
+            dents = draw_dents(dents_rng, depth, dents_rng.uniform(20, 45) * depth)
+            front = rough_front(fitted, dents)
+        scene.add(name, fitted.mesh(thickness, front), look)
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,12 @@ THINGS: dict[str, Thing] = {
         ("pot", "soil", "stems", "leaves"),
         plants.pot_plant,
     ),
+    "hedge": Thing(
+        (0.4, 1.6),
+        ("table", "floor", "outdoors"),
+        ("planter", "soil", "twigs", "leaves"),
+        plants.hedge,
+    ),
     "slatted-chair": Thing(
         (0.78, 1.03),
         ("floor", "outdoors"),

@@ -7,6 +7,7 @@ them. So a book may lie below the crown of a plant, and a chair's seat below a t
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -26,6 +27,8 @@ _TRIES = 40  # random places of a thing before it is left out
 _WITHOUT = 0.35  # share of the scenes that have no things
 _THICKETS = 0.2  # share of the scenes that have as many as there may be
 _ALIKE = 5.0  # at most, copies of one model on average
+_MOST_FACES = 55_000  # of the things on one ground
+PLANTS = ("hedge", "hedge", "pot-plant")
 
 Footprint = Callable[[Rng, float], Float]
 """A place (2,) on the ground for a thing of a size in metres."""
@@ -39,6 +42,11 @@ class Layer:
     high: float
     outline: Float
 
+    @cached_property
+    def bounds(self) -> tuple[Float, Float]:
+        """The least and the largest x and y, (2,) each."""
+        return self.outline.min(axis=0), self.outline.max(axis=0)
+
     def moved(self, pose: Float) -> "Layer":
         """The layer at a pose (4, 4) that turns about the vertical, scales evenly and moves."""
         scale, lift = float(pose[2, 2]), float(pose[2, 3])
@@ -48,6 +56,11 @@ class Layer:
     def is_clear_of(self, other: "Layer", spacing: float) -> bool:
         """Whether the two are above one another, or `spacing` metres apart."""
         if self.low >= other.high or other.low >= self.high:
+            return True
+        # Rectangles around both are compared first, as that is fast.
+        (least, most), (least_other, most_other) = self.bounds, other.bounds
+        apart = np.maximum(least - most_other, least_other - most)
+        if apart.max() > spacing:
             return True
         return gap(self.outline, other.outline) > spacing
 
@@ -82,6 +95,7 @@ class Ground:
     holds: Callable[[Float], bool] = lambda _: True
     filled: list[Layer] = field(default_factory=list)
     count: int = 0
+    faces: int = 0
 
     def is_free(self, layers: Sequence[Layer]) -> bool:
         """Whether layers lie on the ground, beyond the nearest depth, and clear of all that is there."""
@@ -112,15 +126,29 @@ class Ground:
         sizes : the range of their largest extents in metres, to which they are scaled; None keeps their real size.
         """
         rng = self.scene.rng(part, "models")
+        if self.scene.is_overgrown:
+            names = [name for name in PLANTS if name in names] or names
         models = math.ceil(count / log_uniform(rng, 1.0, _ALIKE)) if count else 0
         for model in range(models):
             name = one_of(rng, names)
             piece = make_thing(name, self.scene.rng(part, "shape", model))
             copies = count // models + (model < count % models)
+            faces = sum(len(mesh.faces) for _, mesh, _ in piece.parts)
+            copies = min(copies, (_MOST_FACES - self.faces) // faces)
+            while copies and not self.scene.has_room_for(copies * faces):
+                copies -= 1
             poses = self._poses(part, model, piece, copies, place, sizes)
             if poses:
                 add_thing(self.scene, piece, poses, (part, model))
             self.count += len(poses)
+            self.faces += len(poses) * faces
+
+    def _size(self, rng: Rng, sizes: tuple[float, float]) -> float:
+        """A largest extent in metres; in a scene full of plants one of the larger ones."""
+        low, high = sizes
+        if self.scene.is_overgrown:
+            low = math.sqrt(low * high)
+        return log_uniform(rng, low, high)
 
     def _poses(
         self,
@@ -138,7 +166,7 @@ class Ground:
         for copy in range(copies):
             rng = self.scene.rng(part, "place", model, copy)
             for _ in range(_TRIES):
-                size = largest if sizes is None else log_uniform(rng, *sizes)
+                size = largest if sizes is None else self._size(rng, sizes)
                 turn = rotation([0, 0, 1], float(rng.uniform(0, 360)))[:3, :3]
                 at = np.append(place(rng, size), self.height + _LIFT)
                 pose = similarity(turn, at, size / largest)
@@ -154,10 +182,12 @@ def spread_count(scene: Composition, part: str, most: int) -> int:
     """How many things a part of a scene has: none in many scenes, `most` in some, else of a uniform logarithm."""
     rng = scene.rng(part, "count")
     kind = rng.random()
-    if kind < _WITHOUT or most < 1:
+    if most < 1:
         return 0
-    if kind > 1 - _THICKETS:
+    if kind > 1 - _THICKETS or scene.is_overgrown:
         return most
+    if kind < _WITHOUT:
+        return 0
     return min(most, int(log_uniform(rng, 1.0, most + 1.0)))
 
 

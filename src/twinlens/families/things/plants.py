@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twinlens.families.draws import Rng, log_uniform
-from twinlens.families.furniture import Piece
+from twinlens.families.draws import Rng, log_uniform, one_of
+from twinlens.families.furniture import Piece, board
 from twinlens.families.solids import double_sided
 from twinlens.families.things.pieces import Part, standing
 from twinlens.families.things.sweeps import blade, copies, tubes
@@ -188,3 +188,37 @@ def _bent(rng: Rng, starts: Float, outward: Float, length: Float, count: int) ->
     side = rng.normal(0, 0.12, outward.shape) + np.array([0, 0, 0.15])
     lines = outward[:, None] * t + side[:, None] * t**2
     return np.asarray(starts[:, None] + length[:, None, None] * lines)
+
+
+def hedge(rng: Rng) -> Piece:
+    """A planter of 0.4 to 1.2 m with a thicket of thin twigs, full of leaves at all angles."""
+    long, deep = rng.uniform(0.4, 1.1), rng.uniform(0.16, 0.3)
+    tall, rise = rng.uniform(0.12, 0.3), rng.uniform(0.3, 0.8)
+    box = board((long, deep, tall), (0, 0, tall / 2), 0.01)
+    earth = board((long - 0.04, deep - 0.04, 0.02), (0, 0, tall + 0.004))
+
+    twigs, steps = int(rng.integers(18, 34)), 7
+    half = np.array([long, deep]) / 2 - 0.03
+    foot = np.append(half, 0.0) * rng.uniform(-1, 1, (twigs, 3)) + [0, 0, tall]
+    reach = np.array([0.12, 0.12, 0.0]) * rng.normal(size=(twigs, 3))
+    tip = foot + reach + rise * rng.uniform(0.5, 1.0, (twigs, 1)) * [0, 0, 1.0]
+    t = np.linspace(0, 1, steps)[:, None]
+    paths = foot[:, None] + t * (tip - foot)[:, None]
+    paths[:, 1:-1] += rng.normal(0, 0.012, (twigs, steps - 2, 3))
+
+    per_twig = int(rng.integers(12, 22))
+    share = np.linspace(0.1, 1.0, per_twig)
+    places = foot[:, None] + share[:, None] * (tip - foot)[:, None]
+    places = (places + rng.normal(0, 0.02, places.shape)).reshape(-1, 3)
+    outward = rng.normal([0.0, 0.0, 0.4], 1.0, places.shape)
+    size = rng.uniform(0.6, 1.2, len(places))
+    length = rng.uniform(0.05, 0.13)
+    leaf = blade(length, rng.uniform(0.35, 0.7) * length, 2, 0.3, 0.25)
+    poses = _leaf_poses(rng, places, outward, size, roll=0.8)
+    return standing(
+        "hedge",
+        Part("planter", box, one_of(rng, ["wood", "paint", "white", "card"])),
+        Part("soil", earth, "soil"),
+        Part("twigs", tubes(paths, np.linspace(0.004, 0.0015, steps), 5), "bark"),
+        Part("leaves", _leaves(rng, leaf, poses), "leaf"),
+    )
