@@ -1,6 +1,6 @@
 """Denoises images with Intel Open Image Denoise, guided by albedo and normals through the same lens.
 
-The image I is filtered in six steps.
+The image I is filtered in seven steps.
 
 1. Texture. The few samples of an image see textures with noise of their own, above all through a wide aperture. With
    the albedo G of many samples, the albedo G_own of the image's own samples, and the local irradiance
@@ -11,13 +11,15 @@ The image I is filtered in six steps.
    `LEAST_ALBEDO` are raised to it: the image gets L times what they lack, and loses the same after the filter.
 3. Filter. The image is divided by sqrt(G), filtered, and multiplied by sqrt(G), which is also the albedo that the
    filter sees. docs/decisions/denoising.md compares other powers of G.
-4. Lost texture. The filter blurs textures a little. How much is measured in each image: what the filter removed is
+4. Lost details. Highlights and shadows are in no guide. What the filter removed is fitted by the details of its own
+   result, in windows, and most of the fit is added to it.
+5. Lost texture. The filter blurs textures a little. How much is measured in each image: what the filter removed is
    fitted by the details of sqrt(G) at two scales, and the fit is added to the result. Pixels without light, such as
    those of a sky that cameras do not see, are not in the fit. What smooth coats reflect is in G, and its details have a
    fit of their own.
-5. Lost light. The filter works on a scale like a logarithm, on which the mean of noise is too low: images lose up to
+6. Lost light. The filter works on a scale like a logarithm, on which the mean of noise is too low: images lose up to
    0.6 % of their light. So the result is scaled to the mean of the image in wide windows.
-6. Projectors. Light directly from projectors has no noise, and the filter would take its patterns for noise. It is
+7. Projectors. Light directly from projectors has no noise, and the filter would take its patterns for noise. It is
    known for the image's own samples too: this is subtracted before step 1, and that of all samples is added at the end.
 
 The filter runs in linear radiance, on the processor unless the backend is CUDA and the library supports the GPU, and
@@ -59,6 +61,12 @@ _REFLECTED_PX = 3.0  # scale of details in reflections
 _SURROUNDINGS_PX = 2.0
 _MOST_SURROUNDINGS = np.float32(2.0)
 """Limit of the brightness of a pixel's surroundings, relative to its own. Beside a lamp they are far brighter."""
+_OWN_DETAIL_PX = 2.0  # scale of an image's own details, standard deviation of a blur
+_FIT_PX = 8.0  # windows of their fit, standard deviation
+_FAINT = np.float32(0.01)
+"""Square of the relative contrast of details in windows, below which they may be noise."""
+_PART_RESTORED = np.float32(0.8)
+"""Part of the fitted details that is restored."""
 _NEAR_PX, _WIDE_PX = 3.0, 16.0  # windows of lost light, standard deviations
 _MOST_LOST = 3.0  # light of a pixel, relative to that near it: a single bright sample is not spread over its window
 
@@ -80,7 +88,7 @@ def denoise_image(
     image = _filled(image)
     has_light = image.any(axis=-1, keepdims=True)
     has_surface = guides.normal.any(axis=-1, keepdims=True)
-    # Step 6, its first half: without the light of projectors that the image's own samples have.
+    # Step 7, its first half: without the light of projectors that the image's own samples have.
     if guides.projected.size:
         image = image - (guides if own_guides is None else own_guides).projected
     # Step 1. From here on the guides are those of all samples. Where a path chose at random between glass and what is
@@ -93,19 +101,20 @@ def denoise_image(
     reflectance = np.minimum(guides.reflectance, np.float32(1))
     albedo = np.maximum(reflectance, np.float32(LEAST_ALBEDO))
     lack = _irradiance(image, reflectance, LEAST_ALBEDO) * (albedo - reflectance)
-    # Step 3, on I / sqrt(G), and step 4, on the same scale.
+    # Step 3, on I / sqrt(G), and steps 4 and 5, on the same scale.
     divisor = np.sqrt(albedo)
     demodulated: NDArray[np.float32] = np.divide(
         image + lack, divisor, dtype=np.float32
     )
     filtered = _filtered(demodulated, divisor, guides.normal, fast)
+    filtered = _with_lost_details(filtered, demodulated)
     restored = _with_lost_texture(filtered, demodulated, divisor)
     if guides.coat.any():
         restored = _with_lost_reflections(restored, demodulated, divisor, guides.coat)
     restored = restored * divisor
-    # Step 5, without what step 2 has added.
+    # Step 6, without what step 2 has added.
     denoised = _with_lost_light(np.maximum(restored - lack, 0), image)
-    # Step 6, its second half: with the light of projectors that all samples have.
+    # Step 7, its second half: with the light of projectors that all samples have.
     if guides.projected.size:
         denoised = denoised + guides.projected
     return np.where(has_light | has_surface, denoised, np.float32(0))
@@ -187,12 +196,41 @@ def _filtered(
     return np.asarray(filtered)[inside, inside]
 
 
+def _with_lost_details(
+    filtered: NDArray[np.float32], unfiltered: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Step 4: `filtered` with the contrast of its own details restored, from `unfiltered`; both (H, W, 3).
+
+    No guide knows of highlights and shadows. The filter took a share of them and left the rest, so that what it removed
+    resembles the details D of its result:
+
+        removed = noise + factor D
+
+    Least squares in windows find the factor, mean(D removed) / mean(D^2). It is a little too large: a rest of the noise
+    is in D too. So `_PART_RESTORED` of it is used, and `_FAINT` keeps it small where D is little but this rest.
+    """
+    near = np.maximum(_blurred(filtered, _NEAR_PX), np.float32(_DARK))
+    details = filtered - _blurred(filtered, _OWN_DETAIL_PX)
+    relative = _mean_of_channels(details / near)
+    removed = _mean_of_channels(((unfiltered - filtered) / near).clip(-1, _MOST_LOST))
+    products = _blurred(relative * removed, _FIT_PX)
+    squares = _blurred(np.square(relative), _FIT_PX)
+    factor = (products / (squares + _FAINT)).clip(0, 1)
+    restored = filtered + _PART_RESTORED * factor * details
+    return np.asarray(np.maximum(restored, 0), np.float32)
+
+
+def _mean_of_channels(image: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+    """The mean (H, W, 1) of an image (H, W, 3)."""
+    return np.asarray(image.mean(axis=-1, keepdims=True), np.float32)
+
+
 def _with_lost_texture(
     filtered: NDArray[np.float32],
     unfiltered: NDArray[np.float32],
     texture: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Step 4: `filtered` and what the filter removed of the details of `texture` from `unfiltered`; all (H, W, 3).
+    """Step 5: `filtered` and what the filter removed of the details of `texture` from `unfiltered`; all (H, W, 3).
 
     What the filter removed, relative to the image, is noise and details:
 
@@ -243,7 +281,7 @@ def _with_lost_reflections(
 def _with_lost_light(
     denoised: NDArray[np.float32], image: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Step 5: `denoised`, scaled to the mean of `image` in wide windows.
+    """Step 6: `denoised`, scaled to the mean of `image` in wide windows.
 
     What a pixel has lost is relative to the light near it, so that a lamp's loss does not darken what is around it.
     """
@@ -327,7 +365,7 @@ def denoiser_record() -> dict[str, Any]:
 
     return {
         "method": "Open Image Denoise, albedo and normal guides, demodulated by sqrt(albedo), control variate,"
-        " restored texture and light; irradiance cache with the integrator 'path'",
+        " restored details, texture and light; irradiance cache with the integrator 'path'",
         "guide_spp": GUIDE_SAMPLES,
         "oidn": mitsuba_oidn.oidn_version(),
         "mitsuba-oidn": importlib.metadata.version("mitsuba-oidn"),
