@@ -68,7 +68,8 @@ _FAINT = np.float32(0.01)
 _PART_RESTORED = np.float32(0.8)
 """Part of the fitted details that is restored."""
 _NEAR_PX, _WIDE_PX = 3.0, 16.0  # windows of lost light, standard deviations
-_MOST_LOST = 3.0  # light of a pixel, relative to that near it: a single bright sample is not spread over its window
+_MOST_LOST = 3.0  # light of a pixel, relative to that near it
+_MOST_NEAR = np.float32(2.0)  # that light, relative to that of the wide window
 
 
 def denoise_image(
@@ -281,13 +282,16 @@ def _with_lost_reflections(
 def _with_lost_light(
     denoised: NDArray[np.float32], image: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Step 6: `denoised`, scaled to the mean of `image` in wide windows.
+    """Step 6: `denoised`, scaled so that the light lost in wide windows comes back, in proportion to the light there.
 
-    What a pixel has lost is relative to the light near it, so that a lamp's loss does not darken what is around it.
+    Two limits keep a lamp's loss, and a single bright sample, from brightening what is around it: what a pixel has lost
+    counts up to `_MOST_LOST` times the light near it, and that light up to `_MOST_NEAR` times that of the window.
     """
-    light_near = np.maximum(_blurred(denoised, _NEAR_PX), np.float32(_DARK))
-    lost = ((image - denoised) / light_near).clip(-1, _MOST_LOST)
-    return np.asarray(denoised * (1 + _blurred(lost, _WIDE_PX)), np.float32)
+    wide = np.maximum(_blurred(denoised, _WIDE_PX), np.float32(_DARK))
+    near = np.maximum(_blurred(denoised, _NEAR_PX), np.float32(_DARK))
+    relative = ((image - denoised) / near).clip(-1, _MOST_LOST)
+    lost = _blurred(relative * np.minimum(near, _MOST_NEAR * wide), _WIDE_PX)
+    return np.asarray(denoised * (1 + lost / wide), np.float32)
 
 
 def _fitted(
