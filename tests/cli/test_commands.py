@@ -149,12 +149,6 @@ def test_cameras_prints_the_fields_of_view_of_a_fisheye(
         assert camera["field_deg"] == pytest.approx([2 * half for half in half_deg])
 
 
-def test_a_size_without_a_file_is_refused(twinlens):
-    code, out, err = twinlens("cameras", "--size", "640x480")
-    assert (code, out) == (2, "")
-    assert "--read" in err
-
-
 def test_doctor_reports_a_missing_package(twinlens, monkeypatch):
     from twinlens.cli import doctor
 

@@ -48,6 +48,7 @@ def places(dataset, tmp_path):
         "file": file,
         "recipe": recipe,
         "letters": letters,
+        "long": 300 * "a",
         "tmp": tmp_path,
     }
 
@@ -108,6 +109,9 @@ report {letters} | board.json
 reconstruct {set}/cards --method truht -o {tmp}/o | --method is 'truth' or a matcher: unknown method
 reconstruct {set}/cards --far 0.1 -o {tmp}/o | no point is left; allow larger depths
 rectify {set}/cards --fit vlid -o {tmp}/o | did you mean 'valid'
+rectify {set}/cards --scene {long} -o {tmp}/o | File name too long
+statistics {set} --like {long} | File name too long
+cameras --size 640x480 | name the file by --read
 rectify {set}/cards --fit vlid -o {set}/cards | unknown --fit 'vlid'; did you mean 'valid'
 rectify {tmp}/none --pictures warp -o {tmp}/o | unknown --pictures 'warp'
 show epipolar {set}/cards --cameras 0,2 -o {tmp}/e.png | --cameras

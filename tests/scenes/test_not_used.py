@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from twinlens.errors import NotUsedWarning
+from twinlens.errors import FileError, NotUsedWarning
 from twinlens.scenes import load_scene
 from twinlens.scenes.assets import SceneContext, read_mesh
 from twinlens.scenes.model_files import MaterialWarning, read_model
@@ -148,3 +148,23 @@ def test_positions_are_read_whatever_else_is_there(tmp_path):
             warnings.simplefilter("ignore", NotUsedWarning)
             mesh = read_mesh(path)
         np.testing.assert_allclose(mesh.vertices[mesh.faces[0]].sum(axis=0), [1, 1, 0])
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "has"),
+    [
+        ("m.obj", f"{CORNERS}l 1 2\n", r"; it has lines \(left out\)$"),
+        ("m.obj", f"{CORNERS}F 1 2 3\n", r"; it has F \(left out\)$"),
+        ("m.obj", CORNERS, "$"),
+        ("m.ply", ply().replace("face 1", "tristrips 1"), r"; it has element 'tristrips' \(left out\)$"),
+        ("m.ply", ply().partition("element face")[0] + "end_header\n0 0 0\n1 0 0\n0 1 0\n", "$"),
+    ],
+)  # fmt: skip
+def test_a_file_without_triangles_names_what_it_has(tmp_path, name, text, has):
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(FileError, match=f"{name}: has no triangles{has}"):
+        read_mesh(path)
+    if name == "m.obj":
+        with pytest.raises(FileError, match=f"{name}: has no triangles{has}"):
+            read_model(path, SceneContext(tmp_path))

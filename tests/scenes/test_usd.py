@@ -419,6 +419,12 @@ def test_display_colors(write, interpolation, count):
         np.testing.assert_allclose(color[:3], colors[number], atol=1e-6)
 
 
+def test_display_opacity_is_named(write):
+    path = write(square("square", "float[] primvars:displayOpacity = [0.5]"))
+    with pytest.warns(MaterialWarning, match=r"not used: displayOpacity \(opaque\)$"):
+        read(path)
+
+
 COPIES = """
   int[] protoIndices = [0, 1, 1]
   point3f[] positions = [(5, 0, 0), (6, 0, 0), (7, 0, 0)]
@@ -469,6 +475,20 @@ NOT_RENDERED = {
     "PhysicsRevoluteJoint": "PhysicsRevoluteJoint (left out)",
     "Material": "material 'Material', no UsdPreviewSurface (white and diffuse)",
 }
+
+
+@pytest.mark.parametrize(
+    ("prims", "message"),
+    [
+        ('def Plane "ground" {}\n', r"has no triangles; it has Plane \(left out\)$"),
+        ('def BasisCurves "hair" {}\n', r"has no triangles; it has BasisCurves \(left out\)$"),
+        ('def Camera "c" {}\ndef Xform "x" {}\n', r"has no triangles; it has cameras \(those of the scene\)$"),
+        ('def Xform "x" {}\n', "has no triangles$"),
+    ],
+)  # fmt: skip
+def test_a_file_without_triangles_names_what_it_has(write, prims, message):
+    with pytest.raises(InputError, match=rf"m\.usda: {message}"):
+        read(write(prims))
 
 
 def test_what_is_not_rendered_is_named(write):

@@ -82,16 +82,16 @@ EVIL = {
     '<shape type="ply"><string name="filename" value="secret"/></shape>': "leads outside",
     '<bsdf type="measured"><string name="material_name" value="secret"/></bsdf>': "leads outside",
     # pictures
-    '<texture type="bitmap"><string name="filename" value="t.png"/></texture>': "cannot be read",
+    '<texture type="bitmap"><string name="filename" value="t.png"/></texture>': "is not a PNG picture",
     '<texture type="bitmap"><string name="filename" value="t.txt"/></texture>': "pictures may be",
     '<texture type="bitmap"><string name="filename" value="wide.hdr"/></texture>': "pixels",
-    '<emitter type="envmap"><string name="filename" value="t.png"/></emitter>': "cannot be read as a .png picture",
+    '<emitter type="envmap"><string name="filename" value="t.png"/></emitter>': "is not a PNG picture",
     '<emitter type="envmap"><string name="filename" value="deep/t.png"/></emitter>': "2x3 pixels or more",
     '<default name="t" value="wide.hdr"/>'
     '<texture type="bitmap"><string name="filename" value="$t"/></texture>': "pixels",
     '<default name="f" value="filename"/>'
-    '<texture type="bitmap"><string name="$f" value="t.png"/></texture>': "cannot be read",
-    '<texture type="bitmap"><include filename="name.xml"/></texture>': "cannot be read",
+    '<texture type="bitmap"><string name="$f" value="t.png"/></texture>': "is not a PNG picture",
+    '<texture type="bitmap"><include filename="name.xml"/></texture>': "is not a PNG picture",
     # expansions that never end
     LAUGHS: "characters",
     '<include filename="wide.xml"/>' * 20: "more than 1000 elements",

@@ -141,6 +141,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
             errno.EACCES,
             errno.EPERM,
             errno.EDQUOT,
+            errno.ENAMETOOLONG,
+            errno.ELOOP,
         ):
             return _report_error(f"{error.filename or 'output'}: {error.strerror}", 2)
         raise

@@ -11,7 +11,7 @@ import os
 import posixpath
 import re
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -392,8 +392,10 @@ def read_mesh(path: Path, crease_deg: float | None = None) -> Mesh:
         )
         check_face_count(path, sum(len(getattr(part, "faces", ())) for part in placed))
         made = loaded.to_mesh()
-        if not len(made.faces) or not np.isfinite(made.vertices).all():
-            raise FileError(f"{path}: has no triangles with finite vertices")
+        if not len(made.faces):
+            raise no_triangles(path, not_used)
+        if not np.isfinite(made.vertices).all():
+            raise FileError(f"{path}: has vertices that are not finite")
         mesh = shapes.from_trimesh(made, 30.0 if crease_deg is None else crease_deg)
     warn_not_used(path, without_normals(not_used, crease_deg), SceneWarning)
     return mesh
@@ -535,6 +537,14 @@ def check_faces(path: Path, part: Any) -> None:
         raise FileError(
             f"{path}: a face refers to a vertex outside 0 to {len(part.vertices) - 1}"
         )
+
+
+def no_triangles(path: Path, not_used: Iterable[str]) -> FileError:
+    """The error of a file without a triangle, which names what it has instead."""
+    others = ", ".join(dict.fromkeys(not_used))
+    return FileError(
+        f"{path}: has no triangles" + (f"; it has {others}" if others else "")
+    )
 
 
 def check_face_count(path: Path, count: int) -> None:

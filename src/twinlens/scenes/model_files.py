@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import FileError, InputError, warn_not_used
+from twinlens.errors import InputError, warn_not_used
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.assets import (
@@ -24,6 +24,7 @@ from twinlens.scenes.assets import (
     check_faces,
     find_named,
     folder_of,
+    no_triangles,
     read_limited,
     reading,
     without_normals,
@@ -225,7 +226,7 @@ def file_parts(file: Gltf) -> list[Part]:
     for part in parts:
         check_faces(file.path, part.mesh)
     if not any(len(part.mesh.faces) for part in parts):
-        raise FileError(f"{file.path}: has no triangles")
+        raise no_triangles(file.path, file.lost)
     return [part for part in parts if len(part.mesh.faces)]
 
 

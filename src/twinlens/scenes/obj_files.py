@@ -20,6 +20,7 @@ from twinlens.scenes.assets import (
     LARGEST_MESH_FILE,
     check_face_count,
     check_faces,
+    no_triangles,
     obj_lines,
     obj_not_used,
     read_limited,
@@ -83,7 +84,7 @@ def open_obj(
         materials = [*materials, table]
     check_face_count(path, sum(len(part.mesh.faces) for part in parts))
     if not parts:
-        raise FileError(f"{path}: has no triangles")
+        raise no_triangles(path, obj_not_used(lines))
     # trimesh's order is that of a set.
     parts.sort(key=lambda part: part.material or 0)
     textures = Textures(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from twinlens.errors import FileError, InputError, counted
 from twinlens.geometry import Float
-from twinlens.scenes.assets import check_face_count
+from twinlens.scenes.assets import check_face_count, no_triangles
 from twinlens.scenes.gltf import Part
 from twinlens.scenes.materials import Color, Material
 from twinlens.scenes.polygons import triangulated
@@ -84,7 +84,7 @@ def read_stage(
     reader = _Reader(stage, Surfaces(files), with_materials)
     parts = list(reader.parts())
     if not parts:
-        raise FileError(f"{path}: has no triangles")
+        raise no_triangles(path, reader.lost)
     up_axis = str(UsdGeom.GetStageUpAxis(stage)).lower()
     surfaces = reader.surfaces
     lost = [*reader.lost, *surfaces.lost]
@@ -228,6 +228,8 @@ class _Reader:
             return self.surfaces.of(bound)
         color = _uniform_color(mesh, self._time) if mesh is not None else None
         has_colors = mesh is not None and color is None and _has_colors(mesh)
+        if mesh is not None and mesh.GetDisplayOpacityPrimvar().HasValue():
+            self.lost.append("displayOpacity (opaque)")
         return self.surfaces.plain(color, has_colors), "st"
 
     def _mesh_parts(self, mesh: Any) -> Iterator[Part]:
