@@ -90,7 +90,7 @@ def test_user_meshes_rest_on_the_table(folder):
     assert floating(scene, table_height(scene)) == []
 
 
-@pytest.mark.parametrize("family", ["flying", "room", "cards"])
+@pytest.mark.parametrize("family", ["flying", "room", "cards", "street"])
 def test_every_family_accepts_user_files(folder, family):
     assets = Assets.from_folders(meshes=[folder], textures=[folder], hdris=[folder])
     assert random_scene(family, 1, assets=assets, width=80).objects
