@@ -104,7 +104,7 @@ def test_several_messages_are_one_line(tmp_path):
     path = tmp_path / "left.yaml"
     text = MESSAGE.format(K="K", D="D", R="R", P="P", shift=0.0, end="---\n")
     path.write_text(2 * text)
-    with pytest.raises(FileError, match=r"left\.yaml: cannot be read: ex") as caught:
+    with pytest.raises(FileError, match=r"left\.yaml: holds 2 messages") as caught:
         read_rig(path, path)
     assert "\n" not in str(caught.value)
 

@@ -1,5 +1,7 @@
 """A rig from a calibration file, whose program is recognised by what the file holds."""
 
+import json
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +13,7 @@ from twinlens.calibrations.rig_files import (
     has_size,
     is_camera_info,
     read_colmap,
+    read_euroc,
     read_kalibr,
     read_opencv,
     read_ros,
@@ -28,9 +31,17 @@ from twinlens.errors import FileError, InputError
 COLMAP_FILES = ("cameras.txt", "images.txt")
 FORMS = (
     "OpenCV's stereo files (YAML, XML, JSON), ROS camera_info of both cameras, Kalibr's camchain, "
-    "COLMAP's cameras.txt with images.txt, transforms.json"
+    "EuRoC's sensor.yaml of both cameras, COLMAP's cameras.txt with images.txt, transforms.json"
 )
 """What `read_rig` reads."""
+
+
+_FAR_APART = 10.0
+"""Metres between the cameras of a pair above which the file's lengths are more likely in millimetres."""
+
+
+class LengthWarning(UserWarning):
+    """The lengths of a calibration are probably in another unit; the message says how to state it."""
 
 
 def read_rig(
@@ -41,9 +52,10 @@ def read_rig(
 ) -> NamedRig:
     """The rig in a calibration file of another program, or in two files that belong together.
 
-    paths : one file; or two: intrinsics and extrinsics of OpenCV, left and right camera_info of ROS, cameras.txt and
-        images.txt of COLMAP. A folder stands for the two of COLMAP in it. A .toml file is a rig's file of ours that
-        needs no scene: that of `write_rig`, or one that names a calibration file, with its length unit and model.
+    paths : one file; or two: intrinsics and extrinsics of OpenCV, left and right camera_info of ROS or sensor.yaml of
+        EuRoC, cameras.txt and images.txt of COLMAP. A folder stands for the two of COLMAP in it. A .toml file is a
+        rig's file of ours that needs no scene: that of `write_rig`, or one that names a calibration file, with its
+        length unit, size and model.
     length_unit : of the file's lengths.
     size : (width, height) of the images, for a file of OpenCV or a transforms.json without it.
     fisheye : whether an OpenCV file, which does not state it, has the coefficients of `cv2.fisheye`.
@@ -57,8 +69,8 @@ def read_rig(
     calibration = named_files(own[0]) if own else None
     if calibration is not None:
         inner, stated = calibration
-        settings: dict[str, Any] = {"length_unit": length_unit, "fisheye": fisheye}
-        return read_rig(*inner, size=size, **settings | stated)
+        settings = {"size": size, "length_unit": length_unit, "fisheye": fisheye}
+        return read_rig(*inner, **settings | stated)
     files = [file for path in paths for file in calibration_files(Path(path))]
     if not files:
         raise InputError("a rig needs a calibration file")
@@ -103,7 +115,9 @@ def _read(
         return NamedRig(*read_own(first))
     values = read_storage(first)
     if "camera_matrix" in values or is_camera_info(values):
-        return _ros_pair(files)
+        return NamedRig(read_ros(*_two(files, "camera_info")), ("left", "right"))
+    if "T_BS" in values:
+        return read_euroc(*_two(files, "sensor.yaml"))
     if len(files) > 2:
         raise FileError(f"{files[2]}: a rig has at most two files")
     if "frames" in values:
@@ -122,12 +136,14 @@ def _only(files: Sequence[Path]) -> Path:
     return files[0]
 
 
-def _ros_pair(files: Sequence[Path]) -> NamedRig:
+def _two(files: Sequence[Path], kind: str) -> tuple[Path, Path]:
+    """The files of the left and of the right camera, where each file holds one camera."""
     if len(files) != 2:
         raise FileError(
-            f"{files[0]}: camera_info is of one camera; give the left file, then the right one"
+            f"{files[0]}: {kind} is of one camera; give the left file, then the right one"
         )
-    return NamedRig(read_ros(*files), ("left", "right"))
+    left, right = files
+    return left, right
 
 
 def _opencv_pair(
@@ -155,6 +171,23 @@ def _opencv_pair(
 
 def _has_cameras(values: Mapping[str, Any]) -> bool:
     return any(name in values for name in ("M1", "K1", "cameraMatrix1"))
+
+
+def are_far_apart(rig: Rig) -> bool:
+    """Whether the first two cameras are so far apart that the lengths of their file are more likely in millimetres."""
+    return len(rig) > 1 and rig.baseline() > _FAR_APART
+
+
+def warn_of_lengths(rig: Rig, names: Sequence[str]) -> None:
+    """Warn if the cameras of calibration files, `names`, are so far apart that a length is more likely a millimetre."""
+    if are_far_apart(rig):
+        file = names[0] if len(names) == 1 else list(names)
+        warnings.warn(
+            f"{', '.join(names)}: the first two cameras are {rig.baseline():.4g} m apart; if the lengths are "
+            f'millimetres, state it in the table of a rig: file = {json.dumps(file)}, length_unit = "mm"',
+            LengthWarning,
+            stacklevel=3,
+        )
 
 
 def _size_unless_stored(

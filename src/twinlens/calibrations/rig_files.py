@@ -108,6 +108,8 @@ def read_transforms(path: FilePath, size: tuple[int, int] | None = None) -> Name
     try:
         table = json.loads(text)
         frames = table["frames"]
+        if not frames:
+            raise InputError("frames is empty, and a rig needs a camera")
         if size is not None:
             table |= dict(zip(("w", "h"), size, strict=True))
         cameras, poses, image_names = [], [], []
@@ -169,7 +171,7 @@ def read_opencv(
     except KeyError as error:
         raise FileError(
             f"{path}: has no {error.args[0]}; it needs M1, D1, M2, D2, R, T and the images' size, "
-            "which --size or size= can state"
+            "which --size or size= can state, and width and height beside file in the table of a rig"
         ) from None
     except ValueError as error:
         raise FileError(f"{path}: {error}") from None
@@ -183,7 +185,7 @@ def read_ros(left: FilePath, right: FilePath) -> Rig:
     sensor_msgs/CameraInfo.
     """
     cameras, rectified_from_cam = [], []
-    shift = np.zeros(3)
+    shifts = []
     for path in (left, right):
         values = _as_camera_info(read_storage(Path(path)))
         try:
@@ -196,19 +198,47 @@ def read_ros(left: FilePath, right: FilePath) -> Rig:
             if not (projection[0, 0] > 0 and projection[1, 1] > 0):
                 raise InputError("projection_matrix needs positive focal lengths")
             focal = np.array([projection[0, 0], projection[1, 1], 1.0])
-            shift = projection[:, 3] / focal
+            shifts.append(projection[:, 3] / focal)
             warn_not_used(path, _ros_not_used(values))
         except KeyError as error:
             raise FileError(f"{path}: has no {error.args[0]}") from None
         except ValueError as error:
             raise FileError(f"{path}: {error}") from None
-    if not shift.any():
-        raise FileError(
-            f"{right}: projection_matrix has no baseline in its last column; is it the right camera of a pair?"
+    if not shifts[1].any():
+        likely = (
+            f"the files are exchanged, {left} is the right camera's"
+            if shifts[0].any()
+            else "is it the right camera of a pair?"
         )
-    between = rigid(np.eye(3), shift)
+        raise FileError(
+            f"{right}: projection_matrix has no baseline in its last column; {likely}"
+        )
+    between = rigid(np.eye(3), shifts[1])
     right_from_left = inverse(rectified_from_cam[1]) @ between @ rectified_from_cam[0]
     return Rig(cameras, [np.eye(4), inverse(right_from_left)])
+
+
+def read_euroc(left: FilePath, right: FilePath) -> NamedRig:
+    """The pair in two sensor.yaml files of the EuRoC MAV dataset; the world is the left camera's frame.
+
+    T_BS is body_from_cam. Cameras have the names of their folders. Raises FileError. Source: Burri et al., The EuRoC
+    micro aerial vehicle datasets, IJRR 35(10), 2016.
+    """
+    cameras, body_from_cams = [], []
+    for path in (left, right):
+        values = read_storage(Path(path))
+        try:
+            cameras.append(_euroc_camera(values))
+            body_from_cam = matrix(values["T_BS"], "T_BS", 4, 4)
+            body_from_cams.append(check_rigid(body_from_cam, "T_BS"))
+            warn_not_used(path, sorted(values.keys() - _EUROC - _EUROC_NOTES))
+        except KeyError as error:
+            raise FileError(f"{path}: has no {error.args[0]}") from None
+        except ValueError as error:
+            raise FileError(f"{path}: {error}") from None
+    left_from_right = inverse(body_from_cams[0]) @ body_from_cams[1]
+    names = (Path(left).parent.name or "left", Path(right).parent.name or "right")
+    return NamedRig(Rig(cameras, [np.eye(4), left_from_right]), names)
 
 
 def read_kalibr(path: FilePath) -> NamedRig:
@@ -477,6 +507,31 @@ def _ros_camera(values: Mapping[str, Any]) -> Camera:
         coefficients, "distortion_coefficients", _ROS_MODELS[model]
     )
     return Camera(*size, *k, distortion)
+
+
+_EUROC = {
+    *("T_BS", "camera_model", "intrinsics", "resolution"),
+    *("distortion_model", "distortion_coefficients"),
+}
+_EUROC_NOTES = {"sensor_type", "comment", "rate_hz"}
+_EUROC_MODELS = {
+    "radial-tangential": False,
+    "radtan": False,
+    "equidistant": True,
+    "none": False,
+}
+
+
+def _euroc_camera(values: Mapping[str, Any]) -> Camera:
+    check_known("camera_model", values["camera_model"], ["pinhole"])
+    size = _size(values["resolution"], "resolution")
+    fx, fy, cx, cy = matrix(values["intrinsics"], "intrinsics", 1, 4)[0].tolist()
+    model = values["distortion_model"]
+    check_known("distortion_model", model, _EUROC_MODELS)
+    coefficients = values["distortion_coefficients"] if model != "none" else []
+    name = "distortion_coefficients"
+    distortion = _distortion(coefficients, name, _EUROC_MODELS[model])
+    return Camera(*size, fx, fy, cx, cy, distortion)
 
 
 _KALIBR = {

@@ -123,7 +123,12 @@ def _read_table(path: Path) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise FileError(f"{path}: not valid TOML: {error}") from None
     inner = values.get("rig")
-    return inner if isinstance(inner, dict) else values
+    if not isinstance(inner, dict):
+        return values
+    size: dict[str, Any] = {
+        key: values[key] for key in ("width", "height") if key in values
+    }
+    return size | inner if "file" in inner else inner
 
 
 def named_files(path: Path) -> tuple[list[Path], dict[str, Any]] | None:
@@ -151,6 +156,9 @@ def named_files(path: Path) -> tuple[list[Path], dict[str, Any]] | None:
             raise InputError("fisheye must be true or false")
     except InputError as error:
         raise FileError(f"{path}: {error}") from None
-    others = table.keys() - {"file", "layout", "poses", *settings}
+    if {"width", "height"} <= table.keys():
+        settings["size"] = (table["width"], table["height"])
+    used = {"file", "layout", "poses", "width", "height", *settings}
+    others = table.keys() - used
     warn_not_used(path, [f"{key} (the cameras alone)" for key in sorted(others)])
     return [path.parent / name for name in names], settings

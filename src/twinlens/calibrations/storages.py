@@ -25,7 +25,6 @@ _MATRIX = "opencv-matrix"
 # OpenCV writes %YAML:1.0, and no space between a colon and a tag. Two of its files may be joined in one.
 _YAML_HEAD = re.compile(r"^%YAML[^\n]*\n(---[^\n]*\n)?", re.MULTILINE)
 _YAML_END = re.compile(r"^\.\.\.[^\n]*\n?", re.MULTILINE)
-_LAST_LINE = re.compile(r"^---\s*\Z", re.MULTILINE)
 _NO_SPACE = re.compile(r"^(\s*\w+):(?=!!)", re.MULTILINE)
 _MOST_NUMBERS = 10_000
 _NOT_NUMBERS = {".nan": "nan", ".inf": "inf", "-.inf": "-inf", "+.inf": "inf"}
@@ -157,9 +156,14 @@ def _matrix(name: Any, value: Any) -> Any:
 
 def _from_yaml(text: str) -> Any:
     body = _YAML_END.sub("", _YAML_HEAD.sub("", text))
+    stream = yaml.load_all(_NO_SPACE.sub(r"\1: ", body), Loader=_Loader)
     # rostopic ends a message with ---, which begins an empty document.
-    body = _LAST_LINE.sub("", body)
-    return yaml.load(_NO_SPACE.sub(r"\1: ", body), Loader=_Loader)
+    documents = [document for document in stream if document is not None]
+    if len(documents) > 1:
+        raise InputError(
+            f"holds {len(documents)} messages, separated by lines of ---; keep one"
+        )
+    return documents[0] if documents else None
 
 
 def _from_json(text: str) -> Any:

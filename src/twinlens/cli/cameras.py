@@ -7,8 +7,8 @@ from typing import Any
 import click
 from scipy.spatial.transform import Rotation
 
-from twinlens.calibrations import NamedRig, read_rig
-from twinlens.camera import BrownConrady, Camera
+from twinlens.calibrations import NamedRig, are_far_apart, read_rig
+from twinlens.camera import BrownConrady, Camera, Rig
 from twinlens.camera.film import SENSOR_WIDTHS_MM
 from twinlens.camera.presets import CAMERAS
 from twinlens.camera.rectification import rectify
@@ -17,9 +17,6 @@ from twinlens.cli.places import PATH
 from twinlens.errors import InputError, counted
 from twinlens.factory.camera_text import parse_size
 from twinlens.geometry import Float
-
-_FAR_APART = 10.0
-"""Metres between the cameras of a pair above which the file's lengths are more likely in millimetres."""
 
 
 @click.command("cameras")
@@ -135,7 +132,7 @@ def _described(named: NamedRig, files: tuple[Path, ...]) -> list[str]:
     lines.append(
         "The centre of the first pixel is at 0 here and in OpenCV's files, at 0.5 in COLMAP's and transforms.json."
     )
-    if any(camera["distance"] > _FAR_APART for camera in cameras):
+    if are_far_apart(named.rig):
         lines.append(
             "If these lengths are millimetres, name the file in a rig's .toml: "
             'file = "...", length_unit = "mm".'
@@ -165,8 +162,21 @@ def _rectify_line(named: NamedRig) -> str:
     try:
         rectify(named.rig)
     except InputError as error:
+        if _can_be_exchanged(named.rig):
+            return (
+                "Not a rectified pair: camera 1 is left of camera 0. `twinlens rectify --cameras 1,0` makes one of "
+                "each sample, with disparities; or exchange the cameras in the calibration."
+            )
         return f"Not a rectified pair, and none can be made of it: {error}."
     return "Not a rectified pair: `twinlens rectify` makes one of each sample, with disparities."
+
+
+def _can_be_exchanged(rig: Rig) -> bool:
+    try:
+        rectify(rig, left=1, right=0)
+    except InputError:
+        return False
+    return True
 
 
 def _intrinsics_lines(i: int, camera: dict[str, Any]) -> list[str]:

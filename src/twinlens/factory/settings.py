@@ -18,7 +18,7 @@ from pydantic import (
     model_validator,
 )
 
-from twinlens.calibrations import read_rig, rig_table
+from twinlens.calibrations import read_rig, rig_table, warn_of_lengths
 from twinlens.camera import (
     RecipeLens,
     Rig,
@@ -168,22 +168,28 @@ def read_rig_file(
     """The rig's table in a .toml file, its key in the file, and the tables of lenses.
 
     The file is a rig's table, or has its keys in `[rig]`, beside `width`, `height` and `[[lenses]]`. Files of other
-    kinds are calibrations (`calibrations.read_rig`), without lenses; `size` is for those without one.
+    kinds are calibrations (`calibrations.read_rig`), without lenses. `size` is (width, height) for calibrations without
+    it, also where a table names them.
     """
     if not any(path.suffix == ".toml" for path in paths):
-        return rig_table(read_rig(*paths, size=size).rig), "", []
+        rig = read_rig(*paths, size=size).rig
+        warn_of_lengths(rig, [str(path) for path in paths])
+        return rig_table(rig), "", []
     if len(paths) > 1:
         raise FileError(f"{paths[1]}: a rig in a .toml file has no second file")
     path = paths[0]
     table = read_toml(path)
+    stated = dict(zip(("width", "height"), size or (), strict=False))
     if not isinstance(table.get("rig"), Mapping):
-        return table, "", []
+        return (stated if "file" in table else {}) | table, "", []
     part = read(RigFile, table, path)
     image_size = {
         key: getattr(part, key)
         for key in ("width", "height")
         if getattr(part, key) is not None
     }
+    if "file" in part.rig:
+        image_size = stated | image_size
     return image_size | part.rig, "rig", part.lenses or []
 
 

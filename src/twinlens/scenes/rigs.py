@@ -12,7 +12,7 @@ import numpy as np
 import pydantic
 from numpy.typing import NDArray
 
-from twinlens.calibrations import read_rig, rig_table
+from twinlens.calibrations import read_rig, rig_table, warn_of_lengths
 from twinlens.camera import (
     BrownConrady,
     Camera,
@@ -462,9 +462,10 @@ def _with_calibration(
     calibration = read_rig(
         *paths,
         length_unit=settings.length_unit,
-        size=size,
+        size=settings.size() or size,
         fisheye=settings.fisheye,
     )
+    warn_of_lengths(calibration.rig, settings.names())
     return {**rest, **rig_table(calibration.rig, settings.poses)}
 
 
@@ -494,6 +495,7 @@ class CalibrationKeys(StrictModel):
 
     file : its name, or two names: intrinsics and extrinsics of OpenCV, left and right camera_info of ROS, cameras.txt
         and images.txt of COLMAP.
+    width, height : of the images, for a file without them.
     length_unit : of the file's lengths.
     fisheye : whether an OpenCV file has the coefficients of `cv2.fisheye`.
     poses : "rig" puts the first camera at the rig's pose, "world" takes the file's world for the scene's.
@@ -501,6 +503,8 @@ class CalibrationKeys(StrictModel):
 
     layout: Literal["file"] = "file"
     file: _CalibrationFile
+    width: Annotated[int, setting(Camera, "width")] | None = None
+    height: Annotated[int, setting(Camera, "height")] | None = None
     length_unit: _LengthUnit = "m"
     fisheye: bool = False
     poses: _Poses = "rig"
@@ -508,9 +512,17 @@ class CalibrationKeys(StrictModel):
     def names(self) -> list[str]:
         return [self.file] if isinstance(self.file, str) else list(self.file)
 
+    def size(self) -> tuple[int, int] | None:
+        """(width, height) of the images where the table states them. Raises InputError for one without the other."""
+        if (self.width is None) != (self.height is None):
+            raise InputError("'width' and 'height' of a calibration go together")
+        if self.width is None or self.height is None:
+            return None
+        return self.width, self.height
+
 
 _OF_CALIBRATION = {
-    *("camera", "cameras", "baseline", "width", "height", "fov_x_deg", "fx", "fy"),
+    *("camera", "cameras", "baseline", "fov_x_deg", "fx", "fy"),
     *("focal_length_mm", "cx", "cy", "distortion"),
 }
 """Keys of a rig that its calibration file sets."""
