@@ -211,6 +211,22 @@ def test_a_pair_that_is_not_rectified_is_seen(tmp_path, twinlens):
     assert middle == pytest.approx(3 / 2**0.5, abs=0.2)
 
 
+def test_exchanged_images_are_named(tmp_path, twinlens):
+    left, right, truth = images()
+    write_pair(tmp_path / "pairs" / "desk", right, left)
+    code, _, err = twinlens(
+        "benchmark", tmp_path / "pairs", "--methods", "zncc,sgm", "-o", tmp_path / "b"
+    )
+    assert code == 0
+    assert err.count("left and right are probably exchanged") == 2
+    pair, picture = tmp_path / "pairs" / "desk", tmp_path / "e.png"
+    code, out, err = twinlens("show", "epipolar", pair, "-o", picture, "--json")
+    assert (code, err.count("left and right are probably exchanged")) == (0, 1)
+    low, high = json.loads(out)["features"]["disparity_px"]
+    finite = truth[np.isfinite(truth)]
+    assert -finite.max() - 1 < low < high < 1 - finite.min()
+
+
 @pytest.mark.parametrize("form", ["grey", "16 bits", "16-bit grey"])
 def test_other_images(tmp_path, twinlens, form):
     views = images()[:2]

@@ -1,5 +1,6 @@
 """`twinlens show`: pictures of a sample's geometry, of matching costs, and of confidences."""
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ from twinlens.scoring import (
     score_confidences,
     with_search,
 )
+from twinlens.scoring.doubts import doubt_of_order
 from twinlens.scoring.reasons import Reason
 
 COST_METHODS = "sad,zncc,census,sgm"
@@ -105,7 +107,7 @@ def epipolar(
         here, there = true_matches(stored, a, b, points)
     else:
         with progress_bar("matching features"):
-            here, there, all_off = found_matches(stored, a, b, points)
+            here, there, all_off, disparities = found_matches(stored, a, b, points)
     write_png(
         output,
         epipolar_picture((stored.image(a), stored.image(b)), rig, here, there, a, b),
@@ -122,12 +124,19 @@ def epipolar(
     text = f"{output}: {len(here)} true matches, at most {most} px off their epipolar lines"
     if all_off is not None:
         quantiles = np.percentile(all_off, (50, 90)).tolist()
-        record["features"] = {"matches": len(all_off), "off_px": quantiles}
+        features = {"matches": len(all_off), "off_px": quantiles}
+        record["features"] = features
         half, most = map(_pixels, quantiles)
         text = (
             f"{output}: {len(here)} of {len(all_off)} matches of features, without truth; "
             f"half are at most {half} px off their epipolar lines, 90 % at most {most} px"
         )
+        if rig.is_rectified(a, b):
+            low, high = np.percentile(disparities, (5, 95)).tolist()
+            features["disparity_px"] = [low, high]
+            text += f"; 90 % have disparities from {low:.1f} to {high:.1f} px"
+            if doubt := doubt_of_order(disparities, 0.0):
+                warnings.warn(f"{stored.folder}: {doubt}", stacklevel=2)
     print_result(as_json, record, text)
 
 

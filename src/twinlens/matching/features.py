@@ -1,5 +1,6 @@
 """Matches of single points that use no calibration: they show whether a pair is what its calibration says."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ MAX_RATIO = 0.7
 """A match is kept if its descriptor is nearer than this times the second nearest (Lowe, 2004: 0.8 removes 90 % of the
 false matches)."""
 _DOUBLED_PIXELS = 500_000  # of the largest image that is doubled
+_ENOUGH_PIXELS = 150_000  # for hundreds of matches, in about a second
+_SAME_ROW = 2.0  # pixels
 _LEAST_SIDE = 32  # pixels; SIFT needs an octave
 
 
@@ -34,6 +37,32 @@ def feature_matches(left: NDArray[Any], right: NDArray[Any]) -> tuple[Points, Po
     )
     pairs = pairs[np.argsort(distances, kind="stable")]
     return points_a[pairs[:, 0]], points_b[pairs[:, 1]]
+
+
+def disparities_of_features(
+    left: NDArray[Any], right: NDArray[Any]
+) -> NDArray[np.float64]:
+    """Disparities (N,) of matching features of a rectified pair, u_left - u_right in pixels, of either sign.
+
+    left, right: as in `feature_matches`; images of more than 150 000 pixels are reduced first. Matches that are not in
+    the same row are left out. Empty where the images have no texture, or less than 32 rows or columns.
+    """
+    factor = math.ceil(math.sqrt(left.shape[0] * left.shape[1] / _ENOUGH_PIXELS))
+    small = [_reduced(image, factor) for image in (left, right)]
+    if min(small[0].shape[:2]) < _LEAST_SIDE:
+        return np.empty(0)
+    here, there = feature_matches(*small)
+    same_row = np.abs(here[:, 1] - there[:, 1]) <= _SAME_ROW
+    return np.asarray(factor * (here[same_row, 0] - there[same_row, 0]))
+
+
+def _reduced(image: NDArray[Any], factor: int) -> NDArray[Any]:
+    """The grey image in which each pixel is the mean of `factor` x `factor`; the last rows and columns may be cut."""
+    levels = grey(image)
+    height, width = (size // factor for size in levels.shape)
+    cut = levels[: height * factor, : width * factor]
+    means = cut.reshape(height, factor, width, factor).mean(axis=(1, 3))
+    return np.asarray(np.rint(means), dtype=levels.dtype)
 
 
 def _described(image: NDArray[Any]) -> tuple[Points, NDArray[Any]]:

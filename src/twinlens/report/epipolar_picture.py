@@ -144,12 +144,12 @@ def true_matches(
 
 def found_matches(
     stored: StoredSample, a: int, b: int, count: int
-) -> tuple[Float, Float, Float]:
-    """Pixels (N, 2) of views a and b of a sample without truth, N <= `count`, and the distances of all matches.
+) -> tuple[Float, Float, Float, Float]:
+    """Pixels (N, 2) of views a and b of a sample without truth, N <= `count`; distances and disparities of all matches.
 
     They are matches of features, which use no calibration: the distances (M,), in pixels, from their epipolar lines are
     what the calibration, or the rectification, is off by. Gross outliers, more than 5 robust standard deviations and
-    1 px above the median, are left out. Raises InputError without a match.
+    1 px above the median, are left out. The disparities (M,) are u_a - u_b. Raises InputError without a match.
     """
     rig = stored.rig
     here, there = feature_matches(stored.image(a), stored.image(b))
@@ -174,7 +174,7 @@ def found_matches(
     index[rows, columns] = np.arange(len(here))
     u, v = spread_points(index >= 0, count).T
     chosen = index[v, u]
-    return here[chosen], there[chosen], off
+    return here[chosen], there[chosen], off, here[:, 0] - there[:, 0]
 
 
 def _matches_of_disparity(stored: StoredSample, count: int) -> tuple[Float, Float]:

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ import numpy as np
 from twinlens.dataset.files import locked
 from twinlens.errors import FileError, InputError
 from twinlens.matching import Answer, parse_methods
+from twinlens.matching.features import disparities_of_features
 from twinlens.scoring.board import Board, Entry, MatchFailure
 from twinlens.scoring.board_file import BoardWriter, read_board
 from twinlens.scoring.consistency import check_views, mirrored
-from twinlens.scoring.doubts import doubt_of_search
+from twinlens.scoring.doubts import doubt_of_order, doubt_of_search
 from twinlens.scoring.evaluate import (
     RESERVED,
     Scores,
@@ -44,6 +46,9 @@ from twinlens.scoring.runners import (
 from twinlens.scoring.samples import Pair, ScoredSample, fingerprint, load_pair
 from twinlens.scoring.submission import Submission
 from twinlens.scoring.tables import map_warnings
+
+_FEW_CONFIRMED = 60.0
+"""Percent of the pixels of a pair without truth; of rectified pairs of textured scenes, matchers confirm more."""
 
 
 @dataclass(frozen=True)
@@ -371,7 +376,10 @@ class _Run:
             )
             first = sample.min_disparity / scale
             last = (sample.min_disparity + sample.ndisp - 1) / scale
-            return replace(scores, doubt=doubt_of_search(disparity, first, last))
+            doubt = doubt_of_search(disparity, first, last)
+            if doubt or self._few_are_confirmed(scores):
+                doubt = self._doubt_of_order or doubt
+            return replace(scores, doubt=doubt)
         return evaluate(
             disparity,
             sample.disp0,
@@ -385,6 +393,18 @@ class _Run:
             calibration=sample.calibration,
             confidence=confidence,
         )
+
+    def _few_are_confirmed(self, scores: Scores) -> bool:
+        """Whether the right map contradicts most of the left one in the largest region."""
+        shares = [region["confirmed"] for region in scores.regions.values()]
+        return max(shares, default=math.nan) < _FEW_CONFIRMED
+
+    @cached_property
+    def _doubt_of_order(self) -> str:
+        """Whether the pair's images look exchanged; matching features takes longer than a fast method."""
+        sample = self.sample
+        found = disparities_of_features(sample.im0, sample.im1)
+        return doubt_of_order(found, sample.min_disparity)
 
 
 def _failed_mirrored(entry: Entry) -> bool:

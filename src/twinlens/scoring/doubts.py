@@ -23,6 +23,7 @@ _MOST_ERRORS_LEFT = 0.5
 _TIGHTEST, _WIDEST, _TOLERANCE_OF_RANGE = 0.5, 2.0, 0.1
 _FILL_SHARE, _FILL_ERROR = 0.01, 1.0
 _END_SHARE = 0.05
+_LEAST_FEATURES = 20
 _FACTORS = {
     16.0: "values look scaled by 16: divide by 16, as cv2.StereoSGBM and StereoBM return 16 times the disparity",
     -16.0: "values look scaled by -16: divide by 16 and change the sign, the disparity is u_left - u_right",
@@ -137,6 +138,23 @@ def doubt_of_search(estimate: Disparity, low: float, last: float) -> str:
                 f"range is probably too small; extend it with {option}"
             )
     return ""
+
+
+def doubt_of_order(disparities: Float, low: float) -> str:
+    """Whether left and right images look exchanged, in one line; empty for most pairs.
+
+    disparities : (N,) of matching features, which were searched on both sides. low : the smallest disparity searched.
+    Points in front of a rectified pair have disparities of one sign; those of an exchanged pair have the other.
+    """
+    if len(disparities) < _LEAST_FEATURES:
+        return ""
+    smallest, largest = np.quantile(disparities, (0.05, 0.95))
+    if largest > min(low, 0.0) - 0.5:
+        return ""
+    return (
+        f"left and right are probably exchanged: points of the images match at {smallest:.0f} to {largest:.0f} px, and "
+        f"disparities from {low:g} px are searched; exchange im0 and im1, or set --min-disparity"
+    )
 
 
 def _fill_value(estimate: Disparity, truth: Disparity, low: float) -> float | None:
