@@ -91,3 +91,24 @@ def test_the_confidence_is_written(twinlens, images, tmp_path):
     confidence = read_pfm(file)
     assert confidence.shape == (30, 40)
     assert (confidence[5:-5, 15:-5] == 1).all(), "the shifted images differ nowhere"
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ("np.int16(16 * 3 * np.ones(left.shape[:2]))", "48 to 48, are outside the searched 0 to 7 px"),
+        ("np.where(np.arange(left.shape[1]) < 15, 3.0, -16.0) * np.ones(left.shape[:2])", "-16 to 3, are outside"),
+        ("100 * np.ones(left.shape[:2])", "100 to 100, are outside"),
+        ("3 * np.ones(left.shape[:2])", ""),
+        ("np.full(left.shape[:2], np.inf)", ""),
+    ],
+)  # fmt: skip
+def test_values_outside_the_search_are_named(twinlens, images, tmp_path, values, says):
+    """As those of a map in sixteenths of a pixel; nothing is said of a map within the search, or of an empty one."""
+    file = tmp_path / "own.py"
+    file.write_text(f"import numpy as np\n\ndef own(left, right, **_):\n    return {values}\n")  # fmt: skip
+    method = ("--method", f"function:{file}:own", "--ndisp", "8")
+    code, _, err = twinlens("match", *images, *method, "-o", tmp_path / "d.pfm")
+    assert code == 0
+    assert says in err
+    assert bool(err) == bool(says)

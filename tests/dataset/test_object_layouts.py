@@ -106,6 +106,23 @@ def test_masks_are_coded_as_pycocotools_does():
         assert_array_equal(decode_mask(code.decode(), *mask.shape), mask)
 
 
+@pytest.mark.parametrize(
+    ("texts", "description"),
+    [
+        ({"name": "Two parts"}, "Two parts"),
+        ({"name": "Two parts", "description": "On a table."}, "On a table."),
+        ({}, "exported by twinlens"),
+    ],
+)
+def test_coco_describes_a_dataset_by_its_name_at_least(tmp_path, texts, description):
+    folder = tmp_path / "data"
+    hashes = write_sample(folder / "s0", MADE)
+    write_manifest(folder, Manifest([Row("s0", hashes)], info={"about": texts}))
+    export(Dataset(folder), tmp_path / "out", "coco")
+    whole = read_json(tmp_path / "out/annotations/instances.json")
+    assert whole["info"]["description"] == description
+
+
 def test_coco_names_license_creator_and_splits(tmp_path):
     folder = tmp_path / "data"
     rows = []

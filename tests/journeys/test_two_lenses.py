@@ -91,8 +91,13 @@ def test_lenses_of_render_are_called_as_on_the_command_line(twinlens, folder):
     lenses = ("--lens", "pinhole", "--lens", "f/2@3")
     code, _, _ = twinlens("render", "cards", *small, *lenses, "-o", data)
     assert code == 0
+    _, out, _ = twinlens("benchmark", data, "--methods", "sad", "-o", folder / "b")
+    assert (
+        "the means are over 2 lenses (f/2@3, pinhole); --by lens compares them" in out
+    )
     matcher = ("--methods", "sad", "--by", "lens")
     code, out, _ = twinlens("benchmark", data, *matcher, "-o", folder / "b")
     assert code == 0
     assert "f/2@3 - pinhole" in out
     assert "paired, 1 scene" in out
+    assert "the means are over" not in out

@@ -101,3 +101,11 @@ def test_two_contrasts_do_not_decide_the_exponent():
 
 def test_another_exponent_does_not_hold():
     assert not texture.conclude(rows(power=-1.3))[-1].holds
+
+
+def test_one_matcher_is_not_called_the_nearest():
+    """Without another to compare with, the sentence would hold of any matcher."""
+    two = rows()
+    other = tuple({**row, "method": "zncc", "error_px": 2 * row["error_px"]} for row in two.rows)  # fmt: skip
+    assert "sad is the nearest" in texture.conclude(Table(two.columns, two.rows + other))[1].text  # fmt: skip
+    assert not any("nearest" in finding.text for finding in texture.conclude(two))

@@ -22,6 +22,7 @@ from twinlens.matching.methods import MethodSpec
 from twinlens.scoring import Board, open_pairs
 
 DEFAULT_METHODS = "sad,ssd,zncc"
+_FEW_LENSES = 6
 FOREIGN_LIMIT_S = 600.0
 """Default time limit, seconds, if a network or a Python function is among the matchers."""
 
@@ -99,6 +100,8 @@ def command(
     )  # fmt: skip
     names = [matcher.name for matcher in matchers]
     notes = _without_data(board, options)
+    if not by:
+        notes += _of_lenses(board)
     return print_board(board, output, as_json, names, by=by, notes=notes)
 
 
@@ -109,6 +112,17 @@ def _matchers(
     texts = methods or (() if commands else (DEFAULT_METHODS,))
     matchers = parse_methods(texts) if texts else []
     return matchers + [parse_program(text, time_limit) for text in commands]
+
+
+def _of_lenses(board: Board) -> list[str]:
+    """A line if the means are over samples of a few lenses, which one may want to compare."""
+    labels = [record.get("lens") for record in board.recorded.values()]
+    lenses = sorted({str(label) for label in labels if label is not None})
+    if not 2 <= len(lenses) <= _FEW_LENSES:
+        return []
+    return [
+        f"the means are over {len(lenses)} lenses ({', '.join(lenses)}); --by lens compares them"
+    ]
 
 
 def _without_data(board: Board, options: Mapping[str, Any]) -> list[str]:

@@ -1,6 +1,7 @@
 """`twinlens match`: the disparity map of two images."""
 
 import time
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -107,8 +108,27 @@ def command(
         "known_fraction": matched,
         "seconds": seconds,
     }
+    _warn_of_range(disparity, matcher, name)
     text = f"{output}: {name}, {matched:.1%} of the pixels matched, {seconds:.2f} s including compilation"
     print_result(as_json, record, text)
+
+
+def _warn_of_range(
+    disparity: NDArray[np.float32], matcher: BaseMatcher, name: str
+) -> None:
+    """Warn if most values are outside the searched range, as those of a map in another unit."""
+    count = getattr(matcher, "num_disparities", None)
+    values = disparity[np.isfinite(disparity)]
+    if count is None or not values.size:
+        return
+    first = getattr(matcher, "min_disparity", 0)
+    outside = (values < first - 1) | (values > first + count)
+    if np.mean(outside) > 0.5:
+        warnings.warn(
+            f"{name}: {np.mean(outside):.0%} of the estimates, from {values.min():g} to {values.max():g}, are outside "
+            f"the searched {first} to {first + count - 1} px; a map is in pixels (int16 maps of OpenCV are in 1/16 px)",
+            stacklevel=2,
+        )
 
 
 def _confidence(answer: Answer, name: str) -> NDArray[np.float32]:

@@ -71,7 +71,8 @@ def _coco_head(
     texts: Mapping[str, str], categories: Mapping[str, int]
 ) -> dict[str, Any]:
     """What a file of annotations says of all images: `texts` are those of `About`."""
-    info = {"description": texts.get("description") or "exported by twinlens"}
+    description = texts.get("description") or texts.get("name")
+    info = {"description": description or "exported by twinlens"}
     for key, text in (("url", "url"), ("contributor", "creator"), ("date_created", "published")):  # fmt: skip
         if text in texts:
             info[key] = texts[text]

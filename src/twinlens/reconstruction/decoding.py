@@ -81,7 +81,7 @@ class DecodedView:
             low, high = (0.0, 1.0)
             if finite.size and finite.min() < finite.max():
                 low, high = float(finite.min()), float(finite.max())
-            span_text = f"{low:.0f} to {high:.0f} px"
+            span_text = f"{round(low):d} to {round(high):d} px"
             tiles = [
                 _titled(rgb8(self.image), "image"),
                 _titled(colourise(shown, low, high), f"{axis} decoded, {span_text}"),

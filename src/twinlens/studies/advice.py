@@ -26,11 +26,11 @@ def advice(result: Result, *, with_time: bool = True) -> list[str]:
                 shortage.needed, needed.get(shortage.quantity, 0)
             )
     if needed:
-        which = _which(small, result, "have too small a sample")
+        which = _which(small, result, "{} too small a sample")
         sentences.append(f"{which}; enough: {_options(result, needed, with_time)}.")
     needed = _units(wide)
     if needed:
-        which = _which(wide, result, "have too wide an interval")
+        which = _which(wide, result, "{} too wide an interval")
         sentences.append(
             f"{which}; probably enough: {_options(result, needed, with_time)}."
         )
@@ -38,7 +38,8 @@ def advice(result: Result, *, with_time: bool = True) -> list[str]:
 
 
 def _which(supports: list[SeedSupport], result: Result, what: str) -> str:
-    return f"{len(supports)} of {counted(len(result.findings), 'finding')} {what}"
+    verb = "has" if len(supports) == 1 else "have"
+    return f"{len(supports)} of {counted(len(result.findings), 'finding')} {what.format(verb)}"
 
 
 def _units(supports: Iterable[SeedSupport]) -> dict[str, int]:

@@ -50,8 +50,13 @@ def sweep(setup: Setup, *values: Sequence[Any]) -> Iterator[tuple[Any, ...]]:
     axes = [setup.scenes, *values] if setup.scenes else values
     grid = list(itertools.product(*axes))
     for done, point in enumerate(grid):
-        setup.progress(done / len(grid), " ".join(str(value) for value in point))
+        setup.progress(done / len(grid), " ".join(map(_label, point)))
         yield point
+
+
+def _label(value: Any) -> str:
+    """A value of a grid as the progress names it; the parts of a tuple one after another."""
+    return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
 @dataclass(frozen=True)

@@ -133,7 +133,7 @@ def _bounds(slopes: Float, sigma: float, side: int) -> Float:
 
 
 def conclude(table: Table) -> list[Finding]:
-    """No error is below the bound; the matcher nearest to it; the error's dependence on contrast."""
+    """No error is below the bound; the matcher nearest to it, of several; the error's dependence on contrast."""
     sound = table.where(lambda row: float(row["blunders"]) < _MAX_GROSS)
     smallest = float(min(_ratios(sound), default=math.nan))
     # A minimum has no interval.
@@ -147,6 +147,8 @@ def conclude(table: Table) -> list[Finding]:
         result="the least error of all cases is {} times the bound",
         needs=NEEDS,
     )
+    if len(table.values("method")) == 1:
+        return [above, _inverse(table)]
     return [above, _nearest(sound), _inverse(table)]
 
 
