@@ -40,19 +40,33 @@ def test_a_curve_is_the_cost_of_the_windows_of_its_candidates(name):
         assert list(curve.disparities) == list(range(-2, 10))
 
 
-@pytest.mark.parametrize("name", OWN)
-def test_the_curves_winner_is_that_of_the_map(name):
+KINDS = [(name, np.uint8) for name in OWN] + [
+    ("sad", np.uint16),
+    ("zncc", np.float32),
+    *(
+        pytest.param(name, dtype, marks=pytest.mark.slow)
+        for name, dtype in (
+            ("sad", np.float32),
+            ("zncc", np.uint16),
+            ("sgm", np.uint16),
+            ("sgm", np.float32),
+        )
+    ),
+]
+"""Methods, and dtypes of images: each compiles kernels of its own."""
+
+
+@pytest.mark.parametrize(("name", "dtype"), KINDS)
+def test_the_curves_winner_is_that_of_the_map(name, dtype):
     search = {"num_disparities": 12, "min_disparity": -1}
     unrefined = f"{name}:lr_check=none,speckle_size=0"
-    of_bytes = name in ("sad", "zncc", "sgm")
-    for dtype in (np.uint8, np.uint16, np.float32)[: 3 if of_bytes else 1]:
-        images = shifted_pair(dtype)
-        disparity = tl.match(*images, unrefined, **search)
-        for u, v in ((20, 9), (0, 0), (43, 19), (2, 10), (30, 11)):
-            curve = curve_of(images, u, v, name, **search)
-            assert curve.disparity == disparity[v, u]
-            lowest = pytest.approx(curve.costs.min(), rel=1e-9, abs=1e-9)
-            assert curve.cost_at(curve.winner) == lowest
+    images = shifted_pair(dtype)
+    disparity = tl.match(*images, unrefined, **search)
+    for u, v in ((20, 9), (0, 0), (43, 19), (2, 10), (30, 11)):
+        curve = curve_of(images, u, v, name, **search)
+        assert curve.disparity == disparity[v, u]
+        lowest = pytest.approx(curve.costs.min(), rel=1e-9, abs=1e-9)
+        assert curve.cost_at(curve.winner) == lowest
 
 
 def test_float_ties_go_to_the_smallest_disparity_as_in_the_map():

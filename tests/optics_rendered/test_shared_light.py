@@ -58,7 +58,7 @@ def ratio(scene: tl.Scene, rig: tl.Rig, view: int, spp: int = 128) -> float:
     return error_over_noise([*map(block_means, ours)], [*map(block_means, theirs)])
 
 
-QUICK = ("rough metal", "mirror", "glass")
+QUICK = ("mirror", "glass")  # rough metal: test_highlights_move_between_views
 SLOW = (
     pytest.param(surface, marks=pytest.mark.slow)
     for surface in SURFACES
