@@ -7,7 +7,6 @@ import re
 import pytest
 
 from tests.report.test_page import browse, needs_chromium
-from twinlens.scenes import bundled_scenes
 
 MATCHERS = """
 import numpy as np
@@ -18,6 +17,7 @@ def crash(left, right, *, num_disparities, min_disparity):
 def wrong_shape(left, right, *, num_disparities, min_disparity):
     return np.zeros((3, 4), np.float32)
 """
+SCENES = ("cards", "fence", "room", "spheres", "staircase", "tabletop")
 GOOD = ["sad", "ssd", "zncc", "census", "sgm", "zncc:block_size=15"]
 BAD = ["mine=function:matchers.py:crash", "other=function:matchers.py:wrong_shape"]
 PIXEL = (40, 30)
@@ -69,7 +69,7 @@ def page(folder):
     size = ["--size", "x".join(map(str, SIZE)), "--spp", "2", "--no-denoise"]
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        assert run(["render", *bundled_scenes(), *lenses, *size, "-o", "data"]) == 0
+        assert run(["render", *SCENES, *lenses, *size, "-o", "data"]) == 0
         methods = ",".join([*GOOD, *BAD])
         arguments = ["--methods", methods, "--by", "lens", "-o", "board"]
         assert run(["benchmark", "data", *arguments]) == 0

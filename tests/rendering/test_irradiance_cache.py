@@ -95,7 +95,7 @@ def test_an_integrating_sphere_has_its_closed_form(depth):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["room", "tabletop", "staircase"])
+@pytest.mark.parametrize("name", ["room", "tabletop", "staircase", "corner"])
 def test_images_have_the_brightness_of_mitsubas(name):
     scene = tl.load_scene(name)
     rig = Rig.stereo(LARGE.cameras[0], 0.1, scene.world_from_left)

@@ -384,7 +384,16 @@ def test_a_light_field_is_the_same_at_any_place():
         assert close.mean() >= 0.98
 
 
-BUNDLED = ["cards", "fence", "room", "spheres", "staircase", "tabletop"]
+BUNDLED = [
+    "cards",
+    "corner",
+    "fence",
+    "room",
+    "spheres",
+    "staircase",
+    "tabletop",
+    "yard",
+]
 RANDOM = [
     (family, seed)
     for family in ("tabletop", "room", "flying", "cards")

@@ -20,7 +20,16 @@ from twinlens.scenes import (
     load_scene,
 )
 
-PROMISED = {"cards", "fence", "room", "spheres", "staircase", "tabletop"}
+PROMISED = {
+    "cards",
+    "corner",
+    "fence",
+    "room",
+    "spheres",
+    "staircase",
+    "tabletop",
+    "yard",
+}
 
 
 def test_the_documented_scenes_are_bundled():
