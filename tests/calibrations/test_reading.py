@@ -54,12 +54,13 @@ def files_of(kind, folder):
         write_ros(folder / "l.yaml", LEFT, r0, p0)
         write_ros(folder / "r.yaml", RIGHT, r1, p1)
         return [folder / "l.yaml", folder / "r.yaml"]
-    ending = {"COLMAP": "", "NeRF": ".json", "our OpenCV": ".yaml"}[kind]
+    ending = ENDINGS[kind]
     tl.write_rig(folder / f"rig{ending}", PAIR)
     return [folder / f"rig{ending}"]
 
 
-KINDS = ("yml", "xml", "json", "two of OpenCV", "ROS", "COLMAP", "NeRF", "our OpenCV")
+ENDINGS = {"COLMAP": "", "NeRF": ".json", "our OpenCV": ".yaml", "our own": ".toml"}
+KINDS = ("yml", "xml", "json", "two of OpenCV", "ROS", *ENDINGS)
 
 
 @pytest.mark.parametrize("kind", KINDS)
