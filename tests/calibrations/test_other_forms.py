@@ -51,6 +51,14 @@ def test_base64_is_named(tmp_path):
         read_rig(path, size=(640, 480))
 
 
+def test_a_flag_that_is_no_number_is_named(tmp_path):
+    path = tmp_path / "pair.yml"
+    tl.write_rig(path, PAIR)
+    path.write_text(path.read_text().replace("fisheye2: 0", "fisheye2: []"))
+    with pytest.raises(FileError, match=r"fisheye2 must be one number, got 0"):
+        read_rig(path)
+
+
 def test_two_files_of_opencv_are_cameras_and_a_pose(tmp_path):
     """Two whole calibrations are not mixed, whichever comes first, nor is one read with the pose of another."""
     size = {"image_width": 640, "image_height": 480}
@@ -147,6 +155,8 @@ def test_a_fisheye_flag_is_used_and_not_warned_of(tmp_path, recwarn):
             [FRAME, {**FRAME, "transform_matrix": [1, 2]}],
             r"frames\[1\]: transform_matrix must be 4x4 numbers, got 2",
         ),
+        ([{**FRAME, "k1": []}], r"frames\[0\]: k1 must be one number, got 0"),
+        ([{**FRAME, "cx": [1, 2]}], r"frames\[0\]: cx must be one number, got 2"),
         ([FRAME, {"file_path": "b"}], r"frames\[1\]: has no transform_matrix"),
         ([FRAME, {**FRAME, "w": 64.5}], r"frames\[1\]: w, h must be the width"),
         (

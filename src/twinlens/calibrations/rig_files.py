@@ -21,7 +21,13 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from twinlens.calibrations.storages import matrix, numbers, read_storage, read_text
+from twinlens.calibrations.storages import (
+    matrix,
+    number,
+    numbers,
+    read_storage,
+    read_text,
+)
 from twinlens.camera import BrownConrady, Camera, Distortion, KannalaBrandt, Rig
 from twinlens.errors import (
     FileError,
@@ -74,7 +80,7 @@ def read_colmap(folder: FilePath) -> NamedRig:
     """The rig of a model's images, in the order of their ids. Raises FileError."""
     cameras: dict[int, Camera] = {}
     path = Path(folder) / "cameras.txt"
-    for number, line in _lines(path):
+    for line_number, line in _lines(path):
         words = line.split()
         try:
             if words:
@@ -84,7 +90,7 @@ def read_colmap(folder: FilePath) -> NamedRig:
                 )
         except (ValueError, IndexError) as error:
             raise FileError(
-                f"{path}: line {number} must read ID MODEL WIDTH HEIGHT PARAMS: {error}"
+                f"{path}: line {line_number} must read ID MODEL WIDTH HEIGHT PARAMS: {error}"
             ) from None
     path = Path(folder) / "images.txt"
     images = sorted(_colmap_images(path), key=lambda image: image[0])
@@ -304,7 +310,7 @@ def _colmap_images(path: Path) -> Iterator[tuple[int, int, str, Float]]:
     lines = list(_lines(path))
     while lines and not lines[-1][1].strip():
         lines.pop()
-    for number, line in lines[::2]:
+    for line_number, line in lines[::2]:
         words = line.split(maxsplit=9)
         try:
             w, x, y, z, *shift = (float(word) for word in words[1:8])
@@ -318,7 +324,7 @@ def _colmap_images(path: Path) -> Iterator[tuple[int, int, str, Float]]:
         except (ValueError, IndexError) as error:
             form = "ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
             raise FileError(
-                f"{path}: line {number} must read {form}: {error}"
+                f"{path}: line {line_number} must read {form}: {error}"
             ) from None
 
 
@@ -351,7 +357,7 @@ def _nerf_camera(shared: Mapping[str, Any], frame: Any) -> Camera:
 
 
 def _number(values: Mapping[str, Any], name: str, default: float = 0.0) -> float:
-    return float(numbers(values.get(name, default), name)[0])
+    return number(values.get(name, default), name)
 
 
 def _nerf_focal_px(values: Mapping[str, Any], axis: str, size: int) -> float | None:
@@ -417,8 +423,8 @@ def _opencv_camera(
         for key, spellings in _OPENCV_NAMES.items()
     }
     k = _camera_matrix(values[names["M"]], names["M"])
-    stated = numbers(values.get(f"fisheye{i}", int(fisheye)), f"fisheye{i}")
-    distortion = _distortion(values[names["D"]], names["D"], bool(stated[0]))
+    stated = _number(values, f"fisheye{i}", int(fisheye))
+    distortion = _distortion(values[names["D"]], names["D"], bool(stated))
     return Camera(*size, *k, distortion)
 
 

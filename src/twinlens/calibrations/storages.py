@@ -104,6 +104,14 @@ def numbers(value: Any, name: str) -> Float:
     return array
 
 
+def number(value: Any, name: str) -> float:
+    """A finite number. Raises InputError that names it."""
+    flat = numbers(value, name)
+    if len(flat) != 1:
+        raise InputError(f"{name} must be one number, got {len(flat)}")
+    return float(flat[0])
+
+
 def matrix(value: Any, name: str, rows: int, columns: int) -> Float:
     """A matrix of finite numbers. Raises InputError that names it."""
     flat = numbers(value, name)
