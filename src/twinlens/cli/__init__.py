@@ -5,6 +5,7 @@ reported in one line; 130 interrupted.
 """
 
 import errno
+import faulthandler
 import importlib
 import os
 import signal
@@ -97,7 +98,11 @@ def cli() -> None:
 
 
 def console() -> None:
-    """Entry point of `twinlens` and `python -m twinlens`. SIGTERM, which batch systems send, is handled as Ctrl-C."""
+    """Entry point of `twinlens` and `python -m twinlens`. SIGTERM, which batch systems send, is handled as Ctrl-C.
+
+    A crash in native code, as of a user's matcher, prints the Python frames that led to it.
+    """
+    faulthandler.enable()
     if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     code = run()
