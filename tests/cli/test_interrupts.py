@@ -5,10 +5,12 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import psutil
 import pytest
 
 from twinlens.cli.progress import interrupt_note
+from twinlens.dataset import write_png
 
 PATIENCE_S = 60
 SLEEPER = """
@@ -179,3 +181,31 @@ def test_an_interrupt_inside_a_loop_of_the_renderer_is_one():
         dr.while_loop((UInt(0),), lambda i: i < 3, inner)
     with pytest.raises(RuntimeError), interrupt_note(lambda: "kept"):
         raise RuntimeError from ValueError()
+
+
+def test_a_crash_in_native_code_names_the_line_that_led_to_it(tmp_path):
+    """A segmentation fault of a user's matcher in the process itself."""
+    image = np.zeros((30, 40), np.uint8)
+    for name in ("l.png", "r.png"):
+        write_png(tmp_path / name, image)
+    (tmp_path / "own.py").write_text(
+        "import ctypes\n\ndef crash(left, right, **_):\n    return ctypes.string_at(0)\n"
+    )
+    line = (
+        "match",
+        "l.png",
+        "r.png",
+        "--method",
+        "function:own.py:crash",
+        "-o",
+        "d.pfm",
+    )
+    ended = subprocess.run(
+        [sys.executable, "-m", "twinlens", *line],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert ended.returncode == -signal.SIGSEGV
+    assert 'own.py", line 4 in crash' in ended.stderr
+    assert not (tmp_path / "d.pfm").exists()
