@@ -109,6 +109,9 @@ class _Street:
             self.scene, self.way.kerb, 0.12, nearest, holds, filled=self.filled
         )
 
+    def _ends_before_row(self, outline: Float) -> bool:
+        return bool(outline[:, 1].max() < self.reach.last)
+
     def places(self, rng: Rng, from_near: float = 1.15) -> Iterator[float]:
         """Random positions along the way, denser near the camera."""
         start = from_near * self.reach.near + 0.3
@@ -119,7 +122,7 @@ class _Street:
         self, piece_layers: Sequence[Layer], poses: Iterator[Float], most: int
     ) -> list[Float]:
         """Those of the poses (4, 4) that are free, at most so many, which are filled from then on."""
-        ground, placed = self.ground(), list[Float]()
+        ground, placed = self.ground(self._ends_before_row), list[Float]()
         for pose, _ in zip(poses, range(12 * most), strict=False):
             moved = [layer.moved(pose) for layer in piece_layers]
             if len(placed) < most and ground.is_free(moved):
