@@ -15,7 +15,7 @@ from tests.docs.pages import blocks
 PAGE = Path(__file__).parents[2] / "docs" / "own_objects.md"
 pytestmark = pytest.mark.skipif(not PAGE.exists(), reason="docs/ is not next to tests/")
 SMALL = {
-    "count = 1000": "count = 2\nspp = 1\ndenoise = false",
+    "count = 1000": "count = 4\nspp = 1\ndenoise = false",
     "width = 640\nheight = 480": "width = 64\nheight = 48",
     "train = 0.8\nval = 0.2": "train = 0.5\nval = 0.5",
     "in_view = 0.9": "",
