@@ -8,7 +8,7 @@ import numpy as np
 
 from twinlens.families import lighting
 from twinlens.families.composition import Composition, Viewpoint
-from twinlens.families.draws import Rng, log_uniform, one_of, weighted
+from twinlens.families.draws import Rng, one_of, weighted
 from twinlens.families.furniture import board
 from twinlens.families.materials import (
     material,
@@ -18,7 +18,7 @@ from twinlens.families.materials import (
     user_texture,
 )
 from twinlens.families.patterns import draw_chart
-from twinlens.families.relief import draw_dents, rough_front
+from twinlens.families.relief import draw_front
 from twinlens.families.surfaces import (
     FLOORS,
     QUAD,
@@ -321,8 +321,5 @@ class _Surroundings:
             fitted, look = surface(scene, scene.rng(name), sheet, kind, colors, tile)
             front = None
             if name == "floor" and scene.is_rough:
-                stream = scene.rng("dents")
-                depth = log_uniform(stream, *_DENTS)
-                dents = draw_dents(stream, depth, stream.uniform(20, 45) * depth)
-                front = rough_front(fitted, dents)
+                front = draw_front(scene.rng("dents"), fitted, _DENTS)
             scene.add(name, fitted.mesh(front=front), look)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from twinlens.families.draws import Rng
+from twinlens.families.draws import Rng, log_uniform
 from twinlens.families.patterns import texture_seed
 from twinlens.families.surfaces import Sheet
 from twinlens.geometry import Float
@@ -18,6 +18,13 @@ _EDGE = 0.04  # metres, over which the dents end towards the edges of the sheet
 
 Dents = Callable[[Float, Float], Float]
 """How far (rows, columns) a surface is below its sheet at x (columns,) and y (rows,) metres along its sides."""
+
+
+def draw_front(rng: Rng, sheet: Sheet, depths: tuple[float, float]) -> Mesh:
+    """The front of a sheet with random dents, whose largest depth is in this range, metres."""
+    depth = log_uniform(rng, *depths)
+    tile = rng.uniform(20, 45) * depth
+    return rough_front(sheet, draw_dents(rng, depth, tile))
 
 
 def draw_dents(rng: Rng, depth: float, tile: float) -> Dents:

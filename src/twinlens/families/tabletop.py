@@ -8,9 +8,9 @@ import numpy as np
 from twinlens.families import lighting
 from twinlens.families.arrangement import Area, arrange, bodies_at_rest
 from twinlens.families.composition import Composition, Viewpoint
-from twinlens.families.draws import Rng, log_uniform, one_of
+from twinlens.families.draws import Rng, one_of
 from twinlens.families.kinds import Body
-from twinlens.families.relief import draw_dents, rough_front
+from twinlens.families.relief import draw_front
 from twinlens.families.surfaces import (
     FLOORS,
     TOPS,
@@ -155,10 +155,7 @@ def _add_surroundings(
         fitted, look = surface(scene, stream, sheet, kind, colors, tile, finish)
         front = None
         if name == "table" and scene.is_rough:
-            dents_rng = scene.rng("dents")
-            depth = log_uniform(dents_rng, *_DENTS)
-            dents = draw_dents(dents_rng, depth, dents_rng.uniform(20, 45) * depth)
-            front = rough_front(fitted, dents)
+            front = draw_front(scene.rng("dents"), fitted, _DENTS)
         scene.add(name, fitted.mesh(thickness, front), look)
 
 
