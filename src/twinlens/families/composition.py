@@ -28,7 +28,7 @@ Triangles = tuple[Float, NDArray[np.uint32]]
 """Vertices (V, 3) in the world, and faces (F, 3)."""
 
 _SHARES = 0.03, 0.27  # of the picture's width: the largest disparity
-_OVERGROWN = 0.16  # share of the scenes that are full of plants
+_OVERGROWN = 0.2  # share of the scenes that are full of plants
 _NIGHTS = 0.35  # share of the scenes that are lit by one lamp
 _HELD, _TILT_DEG = (
     0.4,
@@ -39,7 +39,7 @@ _FACES_OF_SURROUNDINGS = 12_000  # walls, tables and floors, which are added las
 _ROUGH = 0.3  # share of the scenes with rough ground, where a family has it
 _FACES_OF_ROUGH_GROUND = 46_000
 _OPEN_AIR = (
-    0.6  # share of the scenes by day with sky above the wall, where a family has both
+    0.7  # share of the scenes by day with sky above the wall, where a family has both
 )
 _NEAR = 1e-3  # metres: triangles are clipped at this depth
 
@@ -278,7 +278,7 @@ class Composition:
         rng = self.rng("skyline")
         if self.is_night or rng.random() >= _OPEN_AIR:
             return -math.inf
-        return float(rng.uniform(-0.9, 0.2))
+        return float(rng.uniform(-0.9, 0.35))
 
     def add(
         self,

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -129,7 +130,8 @@ def _draw_models(scene: Composition) -> "list[_Model | None]":
     number = max(1, math.ceil(is_thing.sum() / log_uniform(rng, 1.0, 4.0)))
     names = tuple(name for name in THINGS if name not in things_for("street"))
     if scene.is_overgrown:
-        names = PLANTS
+        # Two other things make each of these scenes look different.
+        names = (*PLANTS, *one_of(rng, list(combinations(names, 2))))
     drawn = [
         _Model.of(make_thing(one_of(rng, names), scene.rng("thing", "shape", index)))
         for index in range(number)

@@ -111,7 +111,7 @@ def one_kind(
     """
     listed = [row for row in KINDS if not outdoors or row[0] in _OUTDOORS]
     if scene.is_night:
-        listed = [(one_lamp, 1.0)]
+        listed = list(_AT_NIGHT)
     kinds = [kind for kind, _ in listed]
     shares = [share for _, share in listed]
     light = weighted(rng, kinds, shares)
@@ -165,6 +165,24 @@ def one_lamp(
     _ambient(scene, log_uniform(rng, 0.0001, 0.006) * COOL)
 
 
+def headlight(
+    scene: Composition, rng: Rng, middle: Float, radius: float, side: float
+) -> None:
+    """Night with a lamp just above the camera, as of a robot or a car: what is far away is nearly black."""
+    tone = one_of(rng, [COOL, NEUTRAL, WARM])
+    view = scene.view
+    distance = float(np.linalg.norm(middle - view.eye))
+    right, down, forward = view.world_from_cam[:3, :3].T
+    # Behind the plane of the cameras, so that none sees it.
+    off = np.array([side * rng.uniform(0.02, 0.12), -rng.uniform(0.03, 0.12), -0.01])
+    place = view.eye + distance * (off @ np.stack([right, down, forward]))
+    width = rng.uniform(0.02, 0.06) * distance
+    # The same irradiance at the middle as from the lamp beside the scene.
+    strength = 10.0 * (distance / width) ** 2 * rng.uniform(0.8, 1.25)
+    panel(scene, "key-light", place, middle, np.full(2, width), strength * tone)
+    _ambient(scene, log_uniform(rng, 0.0001, 0.006) * COOL)
+
+
 def window(
     scene: Composition, rng: Rng, middle: Float, radius: float, side: float
 ) -> None:
@@ -215,7 +233,8 @@ KINDS: tuple[tuple[Light, float], ...] = (
     (overcast, 0.14),
     (window, 0.2),
 )
-"""Kinds of light and their shares of the scenes by day; at night there is one lamp."""
+"""Kinds of light and their shares of the scenes by day; at night there is one lamp, `_AT_NIGHT`."""
+_AT_NIGHT: tuple[tuple[Light, float], ...] = ((one_lamp, 0.6), (headlight, 0.4))
 _OUTDOORS = (daylight, overcast)
 NAMES = frozenset(("sun", "key-light", "fill-light"))
 """Names of the lamps that they add."""

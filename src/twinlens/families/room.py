@@ -39,6 +39,7 @@ _SMALL = ("vase", "bottle", "bowl", "cup", "jar", "tin", "candle", "book", "book
 _SIDES = ("back", "left", "right")
 _MOST_ON_FLOOR, _MOST_ON_SHELF = 24, 6  # things
 _BESIDE_WALL = 0.45  # share of the cameras
+_HEADLIGHTS = 0.4  # share of the nights with a lamp at the camera
 _OFF_WALLS = 0.25  # metres: in front of window sills and curtains
 _LEAST_SIZE = 0.1  # metres, of a thing on a shelf
 
@@ -48,7 +49,7 @@ NAMES = names_in_scenes() | {
     "curtains", "side-window", "ceiling-light", "rug", "picture", "picture-frame", "table-top", "table-legs",
     "stool-table-top", "stool-table-legs", "chair", "chair-seat", "sofa", "sofa-cushions", "sofa-feet", "sofa-pillow",
     "armchair-sofa", "armchair-cushions", "armchair-feet", "armchair-pillow", "bookcase", "bookcase-books", "sideboard",
-    "sideboard-doors", "sideboard-knobs", "sideboard-feet", "pot", "leaves", "lamp", "shade", "box",
+    "sideboard-doors", "sideboard-knobs", "sideboard-feet", "pot", "leaves", "lamp", "shade", "box", "key-light",
 }  # fmt: skip
 """Names of what scenes have besides bodies, without numbers."""
 
@@ -536,9 +537,15 @@ def _add_picture(
 def _light(scene: Composition, shell: Shell) -> None:
     """Add a large window beside the camera, out of the image, and in most rooms a warm lamp below the ceiling.
 
-    At night there is a small lamp alone, with hard shadows.
+    At night there is a small lamp alone, with hard shadows, or one at the camera.
     """
     rng = scene.rng("light")
+    if scene.is_night and rng.random() < _HEADLIGHTS:
+        middle = np.array([0.0, 0.5 * shell.back, 0.4 * shell.height])
+        # Towards the middle of the room, away from a wall that is near.
+        side = -math.copysign(1.0, scene.view.eye[0])
+        lighting.headlight(scene, rng, middle, 0.5 * shell.width, side)
+        return
     if scene.is_night:
         _add_ceiling_lamp(scene, rng, shell, rng.uniform(0.2, 0.5), rng.uniform(18, 30))
         return

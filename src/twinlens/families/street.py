@@ -1,4 +1,4 @@
-"""The family "street": a street, a lane or a park path in daylight, seen by a walker, a car or a robot.
+"""The family "street": a street, a lane or a park path by day or night, seen by a walker, a car or a robot.
 
 Everything stands beside a straight way along +y: kerbs and pavements, or lawns with relief. Rows of houses or garden
 walls follow the way, and a row of houses across it is the farthest surface. Above it is the sky. Lengths are in metres.
@@ -25,7 +25,7 @@ from twinlens.families.things.ground import (
     count_among_bodies,
     layers_of,
 )
-from twinlens.geometry import Float
+from twinlens.geometry import Float, transform_points
 from twinlens.scenes import shapes
 from twinlens.scenes.materials import Material
 from twinlens.scenes.placement import rotation, translation
@@ -34,9 +34,13 @@ from twinlens.scenes.scene import Mesh
 NAMES = names_in_scenes() | {
     "road", "markings", "pavement", "lawn", "garden-wall", "house", "far-house", "house-facade", "house-frames",
     "house-panes", "house-door", "house-roof", "far-house-facade", "far-house-frames", "far-house-panes", "sun",
+    "key-light", "street-lamp",
 }  # fmt: skip
 """Names of what scenes have besides bodies, without numbers."""
 
+_LAMP = np.array(
+    [0.12, 0.12]
+)  # metres, the sides of what shines below the head of a lamp post
 _SMALL = ("carton", "carton", "block", "tin", "pebble", "pebble", "ball", "jar")
 _BEHIND = -3.0  # where surfaces begin, behind the camera
 _BESIDE_PATH = 2.0  # metres of level ground beside a path, where things stand
@@ -96,12 +100,13 @@ class _Reach:
 
 @dataclass(eq=False)
 class _Street:
-    """A scene with its way, and what is filled above the ground."""
+    """A scene with its way, what is filled above the ground, and the places (3,) below the heads of lamp posts."""
 
     scene: Composition
     way: _Way
     reach: _Reach
     filled: list[Layer] = field(default_factory=list)
+    lamps: list[Float] = field(default_factory=list)
 
     def ground(self, holds: Callable[[Float], bool] = lambda _: True) -> Ground:
         nearest = 1.05 * self.reach.near
@@ -151,7 +156,7 @@ def compose(scene: Composition) -> None:
     _add_bodies(street)
     measured, _ = scene.visible_range()
     row.add(measured * ratio)
-    _add_light(scene, measured * ratio)
+    _add_light(street, measured * ratio)
 
 
 def _set_view(scene: Composition) -> float:
@@ -495,6 +500,17 @@ def _add_copies(
     placed = street.stand(layers, iter(poses), most)
     if placed:
         add_thing(street.scene, piece, placed, part)
+    for part_name, mesh, _ in piece.parts:
+        if (name, part_name) == ("lamp-post", "head"):
+            below = _below(mesh)
+            street.lamps += [transform_points(pose, below) for pose in placed]
+
+
+def _below(mesh: Mesh) -> Float:
+    """The place (3,) just below the middle of a mesh."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    x, y, _ = 0.5 * (low + high)
+    return np.array([x, y, low[2] - 0.005])
 
 
 def _add_things(street: _Street) -> None:
@@ -575,12 +591,17 @@ class _FarRow:
             add_house(self.scene, rng, "far-house", sheet, self.deep)
 
 
-def _add_light(scene: Composition, far: float) -> None:
-    """The user's sky, a clear sky with a high or low sun, or clouds without one."""
+def _add_light(street: _Street, far: float) -> None:
+    """The user's sky, a clear sky with a high or low sun, clouds without one, or lamps at night."""
+    scene = street.scene
     rng = scene.rng("light")
     if scene.assets.hdris and lighting.user_environment(scene, rng):
         return
-    middle, side = np.array([0.0, far / 2, 0.0]), one_of(rng, [-1.0, 1.0])
+    side = one_of(rng, [-1.0, 1.0])
+    if scene.is_night:
+        _add_lamps(street, rng, side)
+        return
+    middle = np.array([0.0, far / 2, 0.0])
     kind = weighted(rng, ["clouds", "painted", "sun"], [0.25, 0.15, 0.6])
     if kind == "clouds":
         lighting.overcast(scene, rng, middle, far / 2, side)
@@ -590,3 +611,15 @@ def _add_light(scene: Composition, far: float) -> None:
         lighting.environment(scene, sky, float(rng.uniform(0, 360)))
     else:
         lighting.daylight(scene, rng, middle, far / 2, side)
+
+
+def _add_lamps(street: _Street, rng: Rng, side: float) -> None:
+    """Light the street by a lamp at the camera, and by its lamp posts."""
+    scene, near = street.scene, street.reach.near
+    lit = scene.view.at(0.0, 0.3, 2.0 * near)
+    lighting.headlight(scene, rng, lit, near, side)
+    tone = one_of(rng, [lighting.WARM, lighting.NEUTRAL])
+    level = log_uniform(rng, 300.0, 3000.0)
+    for place in street.lamps:
+        below = place - [0.0, 0.0, 1.0]
+        lighting.panel(scene, "street-lamp", place, below, _LAMP, level * tone, 0.5)

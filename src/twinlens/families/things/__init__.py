@@ -97,7 +97,9 @@ THINGS: dict[str, Thing] = {
         streets.car,
     ),
     "bench": Thing((1.3, 1.9), ("street",), ("slats", "legs"), streets.bench),
-    "lamp-post": Thing((2.5, 7.0), ("street",), ("post", "head"), streets.lamp_post),
+    "lamp-post": Thing(
+        (2.5, 7.0), ("street",), ("post", "head", "lantern"), streets.lamp_post
+    ),
     "road-sign": Thing((2.0, 2.8), ("street",), ("plate", "pole"), streets.road_sign),
     "bollard": Thing((0.6, 1.3), ("street",), ("post",), streets.bollard),
     "litter-bin": Thing((0.7, 1.2), ("street",), ("body", "lid"), streets.litter_bin),

@@ -104,7 +104,7 @@ def bench(rng: Rng) -> Piece:
 
 
 def lamp_post(rng: Rng) -> Piece:
-    """A lamp on a post of 2.5 to 6.5 m, at the end of a short arm that reaches towards -y, or on top."""
+    """A post of 2.5 to 6.5 m with a head, at the end of a short arm that reaches towards -y, or a lantern on top."""
     tall, thick = rng.uniform(2.5, 6.5), rng.uniform(0.035, 0.06)
     base = rod([0, 0, 0], [0, 0, 0.03], 0.2)
     post = [base, rod([0, 0, 0.02], [0, 0, tall], thick)]
@@ -112,13 +112,15 @@ def lamp_post(rng: Rng) -> Piece:
         reach = rng.uniform(0.4, 0.65)
         post.append(rod([0, 0, tall - 0.03], [0, -reach, tall + 0.1], 0.6 * thick))
         head = board((0.16, 0.36, 0.07), (0, -reach - 0.1, tall + 0.1), 0.02)
+        lamp = Part("head", head, "white")
     else:
         wide = rng.uniform(0.12, 0.2)
-        head = board((wide, wide, 1.5 * wide), (0, 0, tall + 0.7 * wide), 0.03)
+        lantern = board((wide, wide, 1.5 * wide), (0, 0, tall + 0.7 * wide), 0.03)
+        lamp = Part("lantern", lantern, "white")
     return standing(
         "lamp-post",
         Part("post", shapes.merged(post), one_of(rng, ["metal", "paint"])),
-        Part("head", head, "white"),
+        lamp,
     )
 
 
