@@ -1,6 +1,5 @@
 """Streets: the far row is where it was asked for, nothing overlaps, all stands on its ground, the sky is open."""
 
-import functools
 import itertools
 from dataclasses import replace
 
@@ -9,13 +8,14 @@ import pytest
 import trimesh
 
 from tests.families.families_checks import (
+    bare_scene,
     in_world,
     inside,
     intersecting,
     plain_name,
     samples,
 )
-from twinlens.families import Assets, flying, random_scene, surfaces
+from twinlens.families import Assets, flying
 from twinlens.families.composition import Composition, Viewpoint, rasterize
 from twinlens.families.draws import one_of
 from twinlens.families.things import THINGS, things_for
@@ -31,16 +31,9 @@ SEEDS = [
 ]
 
 
-@functools.cache
 def scene_of(seed, ratio=None):
-    """A street with patterns of one texel: composing takes a fraction of the time of its patterns."""
-    grey = np.full((1, 1, 3), 0.5, dtype=np.float32)
     depths = None if ratio is None else (1.0, ratio)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(surfaces, "bake", lambda *_: grey.copy())
-        patch.setattr(surfaces, "pattern", lambda *_: grey)
-        patch.setattr(surfaces, "_on_texels", lambda *_: np.float32(0.5))
-        return random_scene("street", seed, width=80, depth_range=depths)
+    return bare_scene("street", seed, depth_range=depths)
 
 
 def named(scene, *names):

@@ -1,22 +1,15 @@
 """Scenes of a family differ widely: in content, view, light and disparities; walls stay behind what is before them."""
 
-import functools
-
 import numpy as np
 import pytest
 
-from tests.families.families_checks import copies
-from twinlens.families import FAMILIES, random_scene
+from tests.families.families_checks import bare_scene, copies
+from twinlens.families import FAMILIES
 from twinlens.families.composition import Composition
 from twinlens.families.lighting import KINDS
 from twinlens.geometry import transform_points
 
 SEEDS = range(8)
-
-
-@functools.cache
-def scene_of(family, seed):
-    return random_scene(family, seed, width=80)
 
 
 def spread(values):
@@ -28,7 +21,7 @@ def spread(values):
 def test_largest_disparities_are_spread_from_three_to_twenty_seven_per_cent(family):
     shares = []
     for seed in SEEDS:
-        scene = scene_of(family, seed)
+        scene = bare_scene(family, seed)
         near, _ = scene.depth_range
         width = 2 * near * np.tan(np.radians(scene.fov_x_deg) / 2)
         shares.append(scene.baseline / width)
@@ -39,14 +32,14 @@ def test_largest_disparities_are_spread_from_three_to_twenty_seven_per_cent(fami
 
 @pytest.mark.parametrize("family", ["tabletop", "flying", "cards"])
 def test_numbers_of_objects_are_spread(family):
-    assert spread([len(scene_of(family, seed).objects) for seed in SEEDS]) > 1.6
+    assert spread([len(bare_scene(family, seed).objects) for seed in SEEDS]) > 1.6
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_some_cameras_are_held_by_hand_and_most_are_level(family):
     rolls = []
     for seed in range(8):
-        right = scene_of(family, seed).world_from_left[:3, 0]
+        right = bare_scene(family, seed).world_from_left[:3, 0]
         rolls.append(np.degrees(np.arcsin(abs(right[2]))))
     assert np.median(rolls) < 3
     assert max(rolls) <= 20.5
@@ -67,7 +60,7 @@ def turned(scene, name):
 def test_walls_are_turned_widely_and_everything_is_in_front_of_them(family, name):
     angles = []
     for seed in SEEDS:
-        scene = scene_of(family, seed)
+        scene = bare_scene(family, seed)
         if not any(item.name == name for item in scene.objects):
             continue
         normal, distance = turned(scene, name)
@@ -88,7 +81,7 @@ def test_all_kinds_of_light_are_drawn_and_their_shares_add_up():
     names, shares = zip(*KINDS, strict=True)
     assert len(set(names)) == len(names)
     assert sum(shares) == pytest.approx(1)
-    lit = [scene_of("cards", seed) for seed in range(16)]
+    lit = [bare_scene("cards", seed) for seed in range(16)]
     lamps = {
         frozenset(item.name for item in scene.objects if item.emitter) for scene in lit
     }

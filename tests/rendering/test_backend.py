@@ -103,8 +103,9 @@ def test_a_library_of_the_user_that_fails_leads_to_that_of_the_environment(tmp_p
         "import importlib\n"
         "b = importlib.import_module('twinlens.rendering.backends')\n"
         "b._has_cuda_driver = lambda: False\n"
-        "chosen = b.backend(); mi = b.mitsuba()\n"
-        f"{RENDER} print(chosen.variant, chosen.probes[0].answer)"
+        "chosen = b.backend(); mi = b.mitsuba(); import drjit as dr\n"
+        "doubled = 2 * dr.minimum(dr.arange(mi.Float, 4), 2.5); assert doubled[3] == 5\n"
+        "print(chosen.variant, chosen.probes[0].answer)"
     )
     libraries = {"/nonexistent": "fails: no such file"}
     if OLD[0].exists():
