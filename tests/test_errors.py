@@ -13,6 +13,7 @@ from twinlens.errors import (
     check_int,
     check_number,
     check_triple,
+    file_hint,
     nearest,
     unknown,
 )
@@ -157,6 +158,11 @@ KEYS = (
                 "zncd": "zncc",
                 "sda": "sad",
                 "cencus": "census",
+                "zcnn": "zncc",
+                "znnc": "zncc",
+                "sgmm": "sgm",
+                "cesnus": "census",
+                "jacrad": "jaccard",
                 "opencv": "opencv_bm",
                 "sgm8": "sgm",
             },
@@ -220,3 +226,23 @@ def test_a_very_long_name_is_rejected_by_upper_bounds(monkeypatch):
     assert compared == []
     assert nearest("zncd", ["raft", "zncc"]) == "zncc"
     assert compared
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("calb.txt", "calib.txt"),
+        ("CALIB.TXT", "calib.txt"),
+        ("camchain.yml", "camchain.yaml"),
+        ("part", "parts"),
+        ("lfet.png", "left.png"),
+        ("depth.pfm", None),
+    ],
+)
+def test_a_missing_file_has_its_nearest_neighbour(tmp_path, typed, meant):
+    for name in ("calib.txt", "camchain.yaml", "left.png", "parts", ".depth.pfm"):
+        (tmp_path / name).write_text("")
+    expected = f"; did you mean {meant!r}?" if meant else ""
+    assert file_hint(tmp_path / typed) == expected
+    assert file_hint(tmp_path / "nowhere" / typed) == ""
+    assert file_hint("s3://bucket/calb.txt") == ""

@@ -5,6 +5,7 @@ A message states the value, what is allowed, and what to do. Imports nothing of 
 
 import difflib
 import importlib
+import itertools
 import math
 import re
 import reprlib
@@ -12,10 +13,13 @@ import warnings
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any
 
 _MIN_SIMILARITY = 0.65
+_MIN_COMMON_LETTERS = 0.75
 _SHORTEST_PART = 3
+_MOST_FILES = 2000  # of a folder, compared with the name of a missing file
 
 
 class TwinlensError(Exception):
@@ -110,10 +114,13 @@ def nearest(name: str, choices: Iterable[str]) -> str | None:
     """The known name that is meant: `name` is a part of it, or else like it, or else like its first word; or None.
 
     Alike are names with a Ratcliff-Obershelp similarity (`difflib`) of at least 0.65, case ignored: one wrong letter of
-    three, or two of six, but not two of five. A part is a prefix or the last words of a name, three letters or more.
+    three, or two of six, but not two of five. Or else names that begin with the same letter and have three of four
+    letters in common, in any order. A part is a prefix or the last words of a name, three letters or more.
 
     >>> nearest("ZNC", ["sad", "zncc"]), nearest("diameter", ["aperture_diameter"]), nearest("nikon", ["phone"])
     ('zncc', 'aperture_diameter', None)
+    >>> nearest("zcnn", ["sad", "zncc"])
+    'zncc'
     """
     typed = _normalized(name)
     names = {_normalized(choice): choice for choice in choices}
@@ -126,6 +133,7 @@ def nearest(name: str, choices: Iterable[str]) -> str | None:
     close = parts or difflib.get_close_matches(
         typed, names, len(names) or 1, _MIN_SIMILARITY
     )
+    close = close or [choice for choice in names if _is_mixed_up(typed, choice)]
     first = r"^[^\W\d_]{3,}"  # kitti of kitti2015
     close = close or [
         n
@@ -139,6 +147,29 @@ def nearest(name: str, choices: Iterable[str]) -> str | None:
             default="",
         )
     )
+
+
+def file_hint(path: object) -> str:
+    """What to add to the message of a missing file: the file or folder beside it whose name is nearly the same.
+
+    Empty if there is none, and for places that are not on this machine.
+    """
+    if not isinstance(path, Path):
+        return ""
+    try:
+        beside = itertools.islice(path.parent.iterdir(), _MOST_FILES)
+        names = [entry.name for entry in beside]
+    except (OSError, ValueError):
+        return ""
+    meant = nearest(path.name, [name for name in names if not name.startswith(".")])
+    return f"; did you mean {meant!r}?" if meant else ""
+
+
+def _is_mixed_up(typed: str, choice: str) -> bool:
+    """Whether letters of a name are exchanged or doubled: the first one and three of four letters are the same."""
+    # An upper bound of the similarity, of the letters without their order.
+    letters = difflib.SequenceMatcher(None, typed, choice).quick_ratio()
+    return typed[:1] == choice[:1] and letters >= _MIN_COMMON_LETTERS
 
 
 def _normalized(name: str) -> str:

@@ -294,3 +294,97 @@ def test_cameras_in_the_other_order_are_named_with_the_command(tmp_path, twinlen
     _, printed, _ = twinlens("cameras", "--read", tmp_path / "rig.yml")
     assert "camera 1 is left of camera 0" in printed
     assert "--cameras 1,0" in printed
+
+
+# Motorcycle of Middlebury 2014; a pair of ETH3D, whose baseline is below a millimetre's digits; spaces and commas.
+CALIB = """cam0=[3979.911 0 1244.772; 0 3979.911 1019.507; 0 0 1]
+cam1=[3979.911 0 1369.115; 0 3979.911 1019.507; 0 0 1]
+doffs=124.343
+baseline=193.001
+width=2964
+height=2000
+ndisp=270
+"""
+ETH3D = """cam0=[541.764 0 553.869; 0 541.764 232.396; 0 0 1]
+cam1=[541.764 0 553.869; 0 541.764 232.396; 0 0 1]
+doffs=0
+baseline=59.9504
+width=941
+height=490
+ndisp=64
+isint=0
+vmin=0
+vmax=14
+"""
+SPACED = """cam0 = [700, 0, 319.5; 0, 710, 239.5; 0, 0, 1]
+cam1 = [700, 0, 330.25; 0, 710, 239.5; 0, 0, 1]
+doffs = 10.75
+baseline = 120
+width = 640
+height = 480
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "fx", "cx", "doffs", "baseline", "size"),
+    [
+        (CALIB, 3979.911, 1244.772, 124.343, 0.193001, (2964, 2000)),
+        (ETH3D, 541.764, 553.869, 0.0, 0.0599504, (941, 490)),
+        (SPACED, 700.0, 319.5, 10.75, 0.12, (640, 480)),
+    ],
+)
+def test_a_calib_txt_is_a_rectified_rig_in_metres(
+    tmp_path, twinlens, text, fx, cx, doffs, baseline, size
+):
+    file = tmp_path / "calib.txt"
+    file.write_text(text)
+    rig = tl.read_rig(file).rig
+    left = rig.cameras[0]
+    assert (left.fx, left.cx, left.width, left.height) == (fx, cx, *size)
+    assert rig.is_rectified()
+    # Middlebury: Z = baseline f / (d + doffs). The point at the left image's centre, as far as d = 10 px says.
+    depth = baseline * fx / (10.0 + doffs)
+    point = rig.unproject(0, [300.0, 200.0], depth)
+    assert rig.project(1, point) == pytest.approx([290.0, 200.0], abs=1e-9)
+    code, out, err = twinlens("cameras", "--read", file)
+    assert (code, err) == (0, "")
+    assert f"{round(baseline, 6):g} m from camera 0" in out
+    assert f"A rectified pair: doffs = cx1 - cx0 = {doffs:.6g} px" in out
+    assert ("ndisp = 270" in out) == ("ndisp=270" in text)
+
+
+def test_a_recipe_and_a_rigs_file_name_a_calib_txt(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "calib.txt").write_text(SPACED)
+    (tmp_path / "rig.toml").write_text('file = "calib.txt"\n')
+    expected = tl.read_rig(tmp_path / "calib.txt").rig
+    in_recipe = rig_from_table({"file": "calib.txt"}, SCENE, 64, 48)
+    for rig in (tl.read_rig(tmp_path / "rig.toml").rig, in_recipe):
+        assert rig.cameras == expected.cameras
+        assert rig.baseline() == pytest.approx(0.12)
+    with pytest.raises(FileError, match="millimetres by its format; leave length_unit"):
+        rig_from_table({"file": "calib.txt", "length_unit": "mm"}, SCENE, 64, 48)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("baseline = 120\n", "", "has no baseline= line"),
+        ("doffs = 10.75", "doffs = 0", "doffs must be cx1 - cx0"),
+        ("700, 0, 319.5", "700, 3, 319.5", "without skew"),
+        ("width = 640", "width 640", "line 5 must read name=value"),
+    ],
+)
+def test_a_wrong_calib_txt_is_one_line(tmp_path, twinlens, old, new, says):
+    (tmp_path / "calib.txt").write_text(SPACED.replace(old, new))
+    code, _, err = twinlens("cameras", "--read", tmp_path / "calib.txt")
+    assert code == 2
+    assert says in err
+    assert err.count("\n") == 1
+
+
+def test_a_calib_txt_of_metres_is_not_taken_for_one_of_millimetres(tmp_path, recwarn):
+    # A wide baseline is allowed: the unit is the format's.
+    (tmp_path / "calib.txt").write_text(SPACED.replace("= 120", "= 12000"))
+    rig_from_table({"file": str(tmp_path / "calib.txt")}, SCENE, 64, 48)
+    assert not recwarn

@@ -8,6 +8,7 @@ import pytest
 
 from tests.factory_recipes import RECIPE, digests, write_recipe
 from twinlens.cli.options import print_json
+from twinlens.factory import produce
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +46,48 @@ def test_of_rejected_draws_alone_nothing_stays_and_the_field_is_named(
     recipe.write_text(NARROW.replace("0.9", "40"))
     code, out, _ = twinlens("generate", recipe, "-o", root)
     assert (code, "1 of 1 sample, 1 made" in out) == (0, True)
+
+
+def test_lengths_in_millimetres_end_a_run_at_once(twinlens, tmp_path, monkeypatch):
+    """Taken for metres, before a scene is composed, and also where nothing is to be written."""
+    recipe = tmp_path / "wide.toml"
+    recipe.write_text(NARROW.replace("fov_x_deg = 0.9", "baseline = 120"))
+    monkeypatch.setattr("twinlens.factory.produce.random_scene", pytest.fail)
+    for more in ((), ("--dry-run",), ("--limit", "1")):
+        code, out, err = twinlens("generate", recipe, "-o", tmp_path / "set", *more)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert "wide.toml: rig: cameras 0 and 1 are 120 m apart" in err
+        assert "in metres" in err
+    assert [path.name for path in tmp_path.iterdir()] == ["wide.toml"]
+
+
+def test_after_hopeless_draws_the_recipe_is_named_and_not_the_same_command(
+    twinlens, tmp_path
+):
+    recipe = tmp_path / "narrow.toml"
+    recipe.write_text(NARROW.replace("count = 1", "count = 3"))
+    command = ("generate", recipe, "-o", tmp_path / "set", "--limit", "1")
+    code, _, err = twinlens(*command)
+    assert code == 1
+    assert "run the same command to make the rest" not in err
+    assert "the 2 samples left may fail alike: change the recipe" in err
+    recipe.write_text(NARROW.replace("0.9", "40").replace("count = 1", "count = 3"))
+    code, out, err = twinlens(*command)
+    assert (code, "1 of 3 samples, 1 made" in out) == (0, True)
+    assert "run the same command to make the rest" in err
+
+
+def test_a_failed_dry_run_makes_its_draws_once(twinlens, tmp_path, monkeypatch):
+    drawn = []
+    made = produce.random_scene
+    monkeypatch.setattr(
+        produce, "random_scene", lambda *a, **k: drawn.append(a) or made(*a, **k)
+    )
+    (tmp_path / "narrow.toml").write_text(NARROW)
+    code, _, err = twinlens(
+        "generate", tmp_path / "narrow.toml", "-o", tmp_path / "set", "--dry-run"
+    )
+    assert (code, "rig.fov_x_deg" in err, len(drawn)) == (2, True, 2)
 
 
 def test_a_view_too_wide_for_a_family_is_said_once(twinlens, tmp_path):

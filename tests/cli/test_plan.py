@@ -80,6 +80,28 @@ def test_the_file_of_a_plan_renders_and_is_part_of_a_recipe(twinlens, ball, tmp_
         assert {name: plan[name] for name in expected} == pytest.approx(expected)
 
 
+@pytest.mark.parametrize("name", ["plan.txt", "plan", "plan.json", "plan.toml.bak"])
+def test_a_rigs_file_has_one_ending(twinlens, tmp_path, name):
+    code, out, err = twinlens("plan", *TASK, "-o", tmp_path / name)
+    assert (code, out) == (2, "")
+    assert f"{name}' must end in .toml" in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_exposure_used_and_the_one_needed_have_two_names(twinlens):
+    """Mid-grey has the ratio of --snr after the needed one, and the printed ratio after the longest."""
+    light = ("--lux", "300", "--snr", "10", "--sensor", "machine_vision")
+    code, out, _ = twinlens("plan", *TASK, *light)
+    assert code == 0
+    used = float(re.search(r"^  exposure +([\d.]+) ms", out, re.M)[1])
+    needed = float(re.search(r"^  needed exposure +([\d.]+) ms", out, re.M)[1])
+    ratio = float(re.search(r"ratio of mid-grey ([\d.]+)", out)[1])
+    assert needed < used
+    assert len(re.findall(r"^  exposure ", out, re.M)) == 1
+    # n electrons give n / sqrt(n + r^2): with shot noise alone, the ratio grows as the square root of the time.
+    assert (ratio / 10) ** 2 == pytest.approx(used / needed, rel=0.1)
+
+
 def test_an_infeasible_task_exits_with_1_and_its_changes_make_it_feasible(
     twinlens, tmp_path
 ):

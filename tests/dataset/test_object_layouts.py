@@ -294,7 +294,8 @@ def test_chosen_objects_only(data, tmp_path):
     [
         (["nut", "nut-2"], ["nut"]),
         (["nut[0]", "nut[12]"], ["nut"]),
-        (["nut", "nut-2[3]"], ["nut"]),
+        (["nut", "nut-2[3]"], ["nut", "nut-2"]),
+        (["nut[0]", "nut-2[0]"], ["nut", "nut-2"]),
         (["bolt-10", "bolt-12"], ["bolt-10", "bolt-12"]),
         (["bolt-10[0]", "bolt-12[0]"], ["bolt-10", "bolt-12"]),
         (["bolt-10", "bolt-10-2"], ["bolt-10"]),

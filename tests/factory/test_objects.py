@@ -15,6 +15,7 @@ from tests.families.families_checks import (
     table_height,
 )
 from twinlens.camera import Camera, Rig
+from twinlens.dataset.layouts import category
 from twinlens.errors import InputError
 from twinlens.factory import make, plan, recipe_from_table, remake
 from twinlens.factory.gates import Rejected
@@ -255,8 +256,6 @@ def test_copies_are_called_after_their_meshes_or_as_the_recipe_says(folder):
     everything = [name for group in names.values() for name in group]
     assert len(set(everything)) == len(everything) == 9
     assert set(everything) <= {thing.name for thing in placed(recipe).objects}
-    numbered = {"part": {**PARTS, "count": 1, "file": "parts/mug-2.glb"}}
-    assert copy_names({"part": [numbered["part"]]}) == {"part": ["mug_2[0]"]}
     assert copy_names(
         {"mug": [{}], "part": [{"folder": "p", "file": "p/mug.glb"}]}
     ) == {
@@ -264,12 +263,28 @@ def test_copies_are_called_after_their_meshes_or_as_the_recipe_says(folder):
         "part": ["mug[0]"],
     }
     with pytest.raises(InputError, match="label: must not end as the number of a copy"):
-        recipe_of(folder, {"part": {**PARTS, "label": "nut-2"}})
+        recipe_of(folder, {"part": {**PARTS, "label": "nut[2]"}})
     taken = {"block": {**BOX, "translate": [0, 0, 0.4], "label": "table"}}
     with pytest.raises(
         InputError, match=r"'table' is also an object of the scene; give"
     ):
         placed(recipe_of(folder, taken))
+
+
+@pytest.mark.parametrize("name", ["bolt-1", "bolt-10", "m-8", "part_2", "no.3", "Ü-2"])
+@pytest.mark.parametrize("counted", [{}, {"count": 1}])
+def test_a_category_is_spelled_as_the_file_the_label_or_the_key(name, counted):
+    by_file = {"folder": "parts", "file": f"parts/{name}.glb"}
+    objects = {
+        "file": [by_file | counted],
+        "label": [{"label": f"{name}-7"} | counted],
+        f"key-{name}": [counted],
+    }
+    copies = [copy for names in copy_names(objects).values() for copy in names]
+    # Beside names that would be those of the first copies, if their numbers were those of copies.
+    scene = [*copies, name.rstrip("-0123456789"), name]
+    expected = [name, f"{name}-7", f"key-{name}"]
+    assert [category(copy, scene) for copy in copies] == expected
 
 
 def test_the_record_makes_the_sample_again(folder):

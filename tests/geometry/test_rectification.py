@@ -220,6 +220,49 @@ def test_pairs_that_cannot_be_rectified_raise(make, says):
         make()
 
 
+# Fisheyes of about 195 degrees (as TUM VI), of 180, and one turned by 20; the first sees the other camera.
+FISHEYES = [
+    (512, 512, 190.97, (-0.013, 0.021, -0.016, 0.004), 1.0),
+    (640, 480, 203.0, (0.01, -0.004, 0.001, 0.0), 1.0),
+    (640, 400, 160.0, (0.0, 0.0, 0.0, 0.0), 20.0),
+]
+
+
+@pytest.mark.parametrize(("width", "height", "focal", "k", "turn_deg"), FISHEYES)
+@pytest.mark.parametrize("fit", ["focal", "valid"])
+def test_a_fisheye_is_cropped_around_the_middle_of_its_image(
+    width, height, focal, k, turn_deg, fit
+):
+    camera = Camera(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), KannalaBrandt(*k))  # fmt: skip
+    turn = Rotation.from_euler("xyz", [0.3, turn_deg, 0.5], degrees=True).as_matrix()
+    pair = Rig([camera] * 2, [np.eye(4), geometry.rigid(turn, [0.11, 0.002, -0.001])])
+    assert camera.rays([0.0, 0.0])[2] < np.cos(np.radians(80))
+    result = rectify(pair, fit=fit)
+    assert result.rectified_rig.is_rectified()
+    points = np.random.default_rng(3).uniform([-0.5, -0.5, 1.5], [0.6, 0.5, 4], (40, 3))
+    left, right = (rectified(result, points, side) for side in (0, 1))
+    assert np.abs(left[:, 1] - right[:, 1]).max() < 1e-6
+    new = result.rectified_rig
+    depth = geometry.transform_points(geometry.inverse(new.world_from_cams[0]), points)
+    disparity = new.cameras[0].fx * result.baseline / depth[:, 2]
+    assert np.allclose(left[:, 0] - right[:, 0], disparity, atol=1e-6)
+    # OpenCV's fisheye model has the same source pixel for every rectified one.
+    rows, columns = np.mgrid[:height:40, :width:40]
+    pixels = np.stack([columns.ravel(), rows.ravel()], axis=1).astype(float)
+    rays = new.cameras[0].unproject(pixels) @ result.rotation(0)
+    ahead = rays[:, 2] > 0.05
+    expected, _ = cv2.fisheye.projectPoints(
+        rays[ahead][:, None], np.zeros(3), np.zeros(3), camera.K, np.array(k)
+    )
+    assert np.allclose(
+        result.source_pixels(0, pixels)[ahead], expected[:, 0], atol=1e-6
+    )
+    if fit == "valid":
+        assert min(result.valid(side).mean() for side in (0, 1)) > 1 - 1e-4
+    with pytest.raises(InputError, match="'focal' and 'valid' show the part"):
+        rectify(pair, fit="all")
+
+
 @pytest.mark.parametrize("fit", ["valid", "all"])
 def test_the_principal_point_of_a_rectified_pair_stays_in_the_middle(fit):
     """Exactly: rotations alone leave rounding errors."""

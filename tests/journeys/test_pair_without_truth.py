@@ -13,7 +13,7 @@ import pytest
 
 from tests.docs.pages import blocks, run_block
 from tests.docs.test_site import DOCS
-from tests.report.test_page import Elements
+from tests.report.test_page import Elements, browse, needs_chromium
 
 WIDTH, HEIGHT = 120, 90
 PLANE, SQUARE = 6, 14
@@ -377,3 +377,10 @@ def test_the_commands_of_the_page_run(tmp_path):
         run_block(kind, text, tmp_path)
     for name in ("board/index.html", "costs.png", "epipolar.png", "disparity.pfm"):
         assert (tmp_path / name).is_file()
+
+
+@needs_chromium
+def test_the_legend_names_no_truth_before_a_pixel_is_chosen(root, board, tmp_path):
+    page = (root / "board" / "index.html").read_text()
+    dom = browse(tmp_path / "page.html", page)
+    assert re.search(r'<span id="key-truth"[^>]* hidden=""', dom)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
+from twinlens.calibrations.middlebury import decode_calib, is_calib
 from twinlens.calibrations.rig_files import (
     FilePath,
     NamedRig,
@@ -24,14 +25,15 @@ from twinlens.calibrations.rig_tables import (
     named_files,
     read_own,
 )
-from twinlens.calibrations.storages import read_storage
+from twinlens.calibrations.storages import read_storage, read_text
 from twinlens.camera import Rig
 from twinlens.errors import FileError, InputError
 
 COLMAP_FILES = ("cameras.txt", "images.txt")
 FORMS = (
     "OpenCV's stereo files (YAML, XML, JSON), ROS camera_info of both cameras, Kalibr's camchain, "
-    "EuRoC's sensor.yaml of both cameras, COLMAP's cameras.txt with images.txt, transforms.json"
+    "EuRoC's sensor.yaml of both cameras, COLMAP's cameras.txt with images.txt, transforms.json, "
+    "Middlebury's calib.txt"
 )
 """What `read_rig` reads."""
 
@@ -56,7 +58,7 @@ def read_rig(
         EuRoC, cameras.txt and images.txt of COLMAP. A folder stands for the two of COLMAP in it. A .toml file is a
         rig's file of ours that needs no scene: that of `write_rig`, or one that names a calibration file, with its
         length unit, size and model.
-    length_unit : of the file's lengths.
+    length_unit : of the file's lengths. Those of a calib.txt are millimetres by its format.
     size : (width, height) of the images, for a file of OpenCV or a transforms.json without it.
     fisheye : whether an OpenCV file, which does not state it, has the coefficients of `cv2.fisheye`.
 
@@ -79,6 +81,10 @@ def read_rig(
     if size is not None and size != (first.width, first.height):
         raise FileError(
             f"{files[0]}: its images have {first.width}x{first.height} pixels, not the stated {size[0]}x{size[1]}"
+        )
+    if read.has_unit and length_unit != "m":
+        raise FileError(
+            f"{files[0]}: its lengths are millimetres by its format; leave length_unit out"
         )
     metres = LENGTH_UNITS[length_unit]
     poses = [pose.copy() for pose in read.rig.world_from_cams]
@@ -113,6 +119,8 @@ def _read(
         return read_colmap(first.parent)
     if first.suffix.lower() == ".toml":
         return NamedRig(*read_own(first))
+    if is_calib(read_text(first)):
+        return _read_calib(_only(files))
     values = read_storage(first)
     if "camera_matrix" in values or is_camera_info(values):
         return NamedRig(read_ros(*_two(files, "camera_info")), ("left", "right"))
@@ -128,6 +136,14 @@ def _read(
         rig = _opencv_pair(files, values, size, fisheye)
         return NamedRig(rig, ("1", "2"), has_model=False)
     raise FileError(f"{first}: holds no rig that is known; it may be of {FORMS}")
+
+
+def _read_calib(path: Path) -> NamedRig:
+    """The rectified pair of a calib.txt of Middlebury; the world is the left camera's frame."""
+    calibration = decode_calib(read_text(path), str(path))
+    return NamedRig(
+        calibration.rig(), ("cam0", "cam1"), has_unit=True, ndisp=calibration.ndisp
+    )
 
 
 def _only(files: Sequence[Path]) -> Path:
@@ -173,17 +189,19 @@ def _has_cameras(values: Mapping[str, Any]) -> bool:
     return any(name in values for name in ("M1", "K1", "cameraMatrix1"))
 
 
-def are_far_apart(rig: Rig) -> bool:
+def are_far_apart(named: NamedRig) -> bool:
     """Whether the first two cameras are so far apart that the lengths of their file are more likely in millimetres."""
-    return len(rig) > 1 and rig.baseline() > _FAR_APART
+    return (
+        len(named.rig) > 1 and not named.has_unit and named.rig.baseline() > _FAR_APART
+    )
 
 
-def warn_of_lengths(rig: Rig, names: Sequence[str]) -> None:
+def warn_of_lengths(named: NamedRig, names: Sequence[str]) -> None:
     """Warn if the cameras of calibration files, `names`, are so far apart that a length is more likely a millimetre."""
-    if are_far_apart(rig):
+    if are_far_apart(named):
         file = names[0] if len(names) == 1 else list(names)
         warnings.warn(
-            f"{', '.join(names)}: the first two cameras are {rig.baseline():.4g} m apart; if the lengths are "
+            f"{', '.join(names)}: the first two cameras are {named.rig.baseline():.4g} m apart; if the lengths are "
             f'millimetres, state it in the table of a rig: file = {json.dumps(file)}, length_unit = "mm"',
             LengthWarning,
             stacklevel=3,

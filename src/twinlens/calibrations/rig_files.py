@@ -69,11 +69,18 @@ _NERF_MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE")
 
 @dataclass(frozen=True, eq=False)
 class NamedRig:
-    """A rig, one image name per camera, and whether its file names the model of the distortion."""
+    """A rig, and what else its file says.
+
+    names : one image name per camera.
+    has_model, has_unit : whether the file states the model of the distortion, and the unit of its lengths.
+    ndisp : bound of the disparities of the file's own scene, or None.
+    """
 
     rig: Rig
     names: tuple[str, ...]
     has_model: bool = True
+    has_unit: bool = False
+    ndisp: int | None = None
 
 
 def read_colmap(folder: FilePath) -> NamedRig:
@@ -373,10 +380,7 @@ def _nerf_distortion(values: Mapping[str, Any]) -> Distortion | None:
     """The distortion by camera_model, or by is_fisheye in files without one."""
     is_fisheye = bool(values.get("is_fisheye", False))
     model = values.get("camera_model", "OPENCV_FISHEYE" if is_fisheye else "OPENCV")
-    if model not in _NERF_MODELS:
-        raise InputError(
-            f"camera_model must be one of {', '.join(_NERF_MODELS)}, got {model!r}"
-        )
+    check_known("camera_model", model, _NERF_MODELS)
     if is_fisheye and model != "OPENCV_FISHEYE":
         raise InputError(f"is_fisheye is true, but camera_model is {model}")
     k1, k2, k3, k4 = (_number(values, name) for name in ("k1", "k2", "k3", "k4"))

@@ -17,7 +17,7 @@ from xml.parsers import expat
 import numpy as np
 import yaml
 
-from twinlens.errors import FileError, InputError, format_value
+from twinlens.errors import FileError, InputError, file_hint, format_value
 from twinlens.geometry import Float
 
 _MOST_CHARACTERS = 1 << 24
@@ -55,7 +55,7 @@ def read_text(path: Path) -> str:
     try:
         return path.read_text("utf-8-sig")
     except FileNotFoundError:
-        raise FileError(f"{path}: no such file") from None
+        raise FileError(f"{path}: no such file{file_hint(path)}") from None
     except UnicodeDecodeError:
         raise FileError(f"{path}: not a text file") from None
     except (OSError, ValueError) as error:

@@ -22,9 +22,12 @@ from twinlens.errors import InputError, check_known
 from twinlens.geometry import Float, homogeneous, image_border, rigid, skew
 
 _MAX_TAN = math.tan(math.radians(85))  # the widest direction in a rectified image
+_MAX_TURN = math.radians(45)  # of a wide view from the rectified axis, to be cropped
 _BISECTIONS = 60
 
 FITS = ("focal", "all", "valid", "opencv")
+CROPPING = ("focal", "valid")
+"""The fits that show a part of a view that is too wide for a rectified image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,19 +103,21 @@ def rectify(
     fit : how fx = fy is chosen. "focal": the mean focal length of the two cameras; "all": the largest that shows all of
     both images; "valid": the smallest for which every rectified pixel has a source; "opencv": the mean fy,
     and centres from the corners of the images, as `cv2.stereoRectify` with alpha = -1 has them.
+    Of a fisheye that sees 85 degrees or more from the rectified axis, "focal" and "valid" show the part around the
+    middle of its image.
     zero_doffs : give both cameras one principal point, so that infinity has disparity 0. If False, each image is
     centred on its camera's field of view, which suits converging cameras, and `doffs` is not 0.
     misalignment : calibration error of the second rectified camera.
 
     Raises InputError where the centres coincide, an epipole is in its image, the right camera is left of the left one,
-    or a pixel is 85 degrees or more from the rectified axis.
+    or a pixel is 85 degrees or more from the rectified axis and cannot be left out.
     """
     check_pair(rig, left, right)
     check_known("fit", fit, FITS)
     pair = rig.pair(left, right)
-    _check_epipoles(pair, (left, right))
+    _check_epipoles(pair, (left, right), fit)
     world_from_rect = rectified_orientation(*pair.world_from_cams)
-    outlines = [_outline(pair, side, world_from_rect) for side in (0, 1)]
+    outlines = [_outline(pair, side, world_from_rect, fit) for side in (0, 1)]
     first = pair.cameras[0]
     size = (
         first.width if width is None else width,
@@ -122,7 +127,8 @@ def rectify(
         middles = [_mean_of_corners(pair, side, world_from_rect) for side in (0, 1)]
     else:
         middles = [
-            0.5 * (outline.min(axis=0) + outline.max(axis=0)) for outline in outlines
+            _middle(pair, side, world_from_rect, outline)
+            for side, outline in enumerate(outlines)
         ]
     centres = _centres(middles, zero_doffs)
     focal = _focal_length(fit, pair, world_from_rect, outlines, centres, size)
@@ -138,12 +144,20 @@ def rectify(
     return Rectification(pair, aligned, rectified)
 
 
-def _check_epipoles(pair: Rig, indices: tuple[int, int]) -> None:
-    """InputError if a camera of the pair sees the other one's centre; indices: those of the cameras in their rig."""
+def _check_epipoles(pair: Rig, indices: tuple[int, int], fit: str) -> None:
+    """InputError if a camera of the pair sees the other one's centre, unless that part of its view is cropped.
+
+    indices : those of the cameras in their rig.
+    """
     for side, index in enumerate(indices):
-        if epipole_in_image(pair, side, 1 - side) is not None:
-            reason = "looks along the baseline (the epipole is in its image) and cannot be rectified"
-            raise InputError(f"camera {index} {reason}; use cameras side by side")
+        pixel = epipole_in_image(pair, side, 1 - side)
+        if pixel is None:
+            continue
+        if _turn(pair, side) <= _MAX_TURN:
+            _check_can_be_cropped(pair, side, fit)
+            continue
+        reason = "looks along the baseline (the epipole is in its image) and cannot be rectified"
+        raise InputError(f"camera {index} {reason}; use cameras side by side")
 
 
 def _facing(
@@ -155,26 +169,76 @@ def _facing(
     return Camera(*size, focal, focal, cx, cy, None, camera.pixel_pitch_um, camera.band)
 
 
-def _outline(pair: Rig, side: int, world_from_rect: Float) -> Float:
-    """The border of an original image in ideal coordinates (x, y) of the rectified frame: (N, 2)."""
+def _rectified_rays(
+    pair: Rig, side: int, world_from_rect: Float, pixels: Float
+) -> Float:
+    """Unit directions (N, 3) in the rectified frame of pixels (N, 2) of an original image."""
+    rays = pair.cameras[side].rays(pixels)
+    return np.asarray(rays @ pair.world_from_cams[side][:3, :3].T @ world_from_rect)
+
+
+def _outline(pair: Rig, side: int, world_from_rect: Float, fit: str) -> Float:
+    """The border of an original image in ideal coordinates (x, y) of the rectified frame: (N, 2).
+
+    Directions of a wide view beyond 85 degrees are moved to 85 degrees. Raises InputError where `fit` needs them.
+    """
     camera = pair.cameras[side]
-    rays = camera.rays(image_border(camera.width, camera.height))
-    x, y, z = (rays @ pair.world_from_cams[side][:3, :3].T @ world_from_rect).T
-    if not (np.hypot(x, y) < _MAX_TAN * z).all():
-        remedy = "use a narrower field of view, or cameras with more similar directions"
+    border = image_border(camera.width, camera.height)
+    x, y, z = _rectified_rays(pair, side, world_from_rect, border).T
+    across = np.hypot(x, y)
+    is_beyond = across >= _MAX_TAN * z
+    if is_beyond.any():
+        _check_can_be_cropped(pair, side, fit)
+    # The depth at which a direction of this length across the axis is 85 degrees from it.
+    depth = np.where(is_beyond, across / _MAX_TAN, z)
+    return np.stack([x / depth, y / depth], axis=1)
+
+
+def _check_can_be_cropped(pair: Rig, side: int, fit: str) -> None:
+    """Raise InputError unless the part of a too wide view that is around the middle of its image can be shown."""
+    too_wide = (
+        f"camera {side} of the pair sees 85 degrees or more from the rectified axis"
+    )
+    if _turn(pair, side) > _MAX_TURN:
         raise InputError(
-            f"camera {side} of the pair sees 85 degrees or more from the rectified axis: {remedy}"
+            f"{too_wide}: use a narrower field of view, or cameras with more similar directions"
         )
-    return np.stack([x / z, y / z], axis=1)
+    if fit not in CROPPING:
+        raise InputError(
+            f"{too_wide}, which fit {fit!r} would show; {' and '.join(map(repr, CROPPING))} show the part around the "
+            "middle of its image"
+        )
+
+
+def _middle_ray(pair: Rig, side: int, world_from_rect: Float) -> Float:
+    """The direction (3,) in the rectified frame of the middle of an original image."""
+    camera = pair.cameras[side]
+    middle = 0.5 * np.array([[camera.width - 1.0, camera.height - 1.0]])
+    return np.asarray(_rectified_rays(pair, side, world_from_rect, middle)[0])
+
+
+def _turn(pair: Rig, side: int) -> float:
+    """The angle, radians, from the rectified axis to where the middle of an original image looks."""
+    world_from_rect = rectified_orientation(*pair.world_from_cams)
+    x, y, z = _middle_ray(pair, side, world_from_rect)
+    return math.atan2(math.hypot(x, y), z)
+
+
+def _middle(pair: Rig, side: int, world_from_rect: Float, outline: Float) -> Float:
+    """The ideal coordinates (x, y) of the middle of what a camera sees; of a cropped view, of its image's middle."""
+    is_cropped = np.hypot(*outline.T).max() >= _MAX_TAN * (1 - 1e-12)
+    if is_cropped:
+        x, y, z = _middle_ray(pair, side, world_from_rect)
+        return np.array([x / z, y / z])
+    return np.asarray(0.5 * (outline.min(axis=0) + outline.max(axis=0)))
 
 
 def _mean_of_corners(pair: Rig, side: int, world_from_rect: Float) -> Float:
     """The mean of the ideal coordinates (x, y) of the four corner pixels of an original image, as OpenCV takes it."""
     camera = pair.cameras[side]
-    right, bottom = camera.width - 1, camera.height - 1
-    corners = [(0, 0), (right, 0), (0, bottom), (right, bottom)]
-    rays = camera.rays(np.array(corners, dtype=np.float64))
-    x, y, z = (rays @ pair.world_from_cams[side][:3, :3].T @ world_from_rect).T
+    right, bottom = camera.width - 1.0, camera.height - 1.0
+    corners = np.array([(0, 0), (right, 0), (0, bottom), (right, bottom)])
+    x, y, z = _rectified_rays(pair, side, world_from_rect, corners).T
     return np.array([(x / z).mean(), (y / z).mean()])
 
 

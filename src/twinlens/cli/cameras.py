@@ -38,8 +38,8 @@ def command(files: tuple[Path, ...], size: str | None, as_json: bool) -> None:
     """List the cameras for `[camera]` in recipes and rigs, with the sources of their figures, and the sensor formats.
 
     With --read, print what a calibration file holds: image sizes, fields of view, distortion, and each camera's place
-    in the axes of the first: x right, y down, z forward. Files of OpenCV, ROS, Kalibr, COLMAP and transforms.json are
-    read.
+    in the axes of the first: x right, y down, z forward. Files of OpenCV, ROS, Kalibr, EuRoC, COLMAP,
+    transforms.json, Middlebury's calib.txt and a rig's .toml are read.
 
     \b
     Example:  twinlens cameras
@@ -97,7 +97,12 @@ def _record(named: NamedRig) -> dict[str, Any]:
                 "distance": math.dist(first_from_cam[:3, 3], (0, 0, 0)),
             }
         )
-    return {"cameras": cameras, "is_rectified": _is_rectified(named)}
+    record: dict[str, Any] = {"cameras": cameras, "is_rectified": _is_rectified(named)}
+    if record["is_rectified"]:
+        record["doffs"] = named.rig.doffs()
+    if named.ndisp is not None:
+        record["ndisp"] = named.ndisp
+    return record
 
 
 def _is_rectified(named: NamedRig) -> bool:
@@ -132,7 +137,7 @@ def _described(named: NamedRig, files: tuple[Path, ...]) -> list[str]:
     lines.append(
         "The centre of the first pixel is at 0 here and in OpenCV's files, at 0.5 in COLMAP's and transforms.json."
     )
-    if are_far_apart(named.rig):
+    if are_far_apart(named):
         lines.append(
             "If these lengths are millimetres, name the file in a rig's .toml: "
             'file = "...", length_unit = "mm".'
@@ -145,7 +150,19 @@ def _described(named: NamedRig, files: tuple[Path, ...]) -> list[str]:
         )
     if len(cameras) == 2 and not record["is_rectified"]:
         lines.append(_rectify_line(named))
+    if record["is_rectified"]:
+        lines.append(_rectified_line(record))
     return lines
+
+
+def _rectified_line(record: dict[str, Any]) -> str:
+    """That a pair is rectified, and the numbers that only such a pair has."""
+    parts = [f"A rectified pair: doffs = cx1 - cx0 = {record['doffs']:.6g} px"]
+    if "ndisp" in record:
+        parts.append(
+            f"ndisp = {record['ndisp']}, of the file's own scene: another one has other disparities"
+        )
+    return "; ".join(parts) + "."
 
 
 def _may_be_fisheye(camera: Camera) -> bool:

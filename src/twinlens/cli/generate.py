@@ -87,7 +87,9 @@ def command(
     }
     read = factory.read_recipe(recipe, changes)
     if dry_run:
-        _print_estimate(factory.estimate(read, output), output, as_json)
+        with progress_bar("trying a sample") as report:
+            estimate = factory.estimate(read, output, report)
+        _print_estimate(estimate, output, as_json)
         return 0
     engine = _engine(options["workers"], options["scheduler"])
     shard = _shard(options["shard"])
@@ -146,7 +148,7 @@ def _print(outcome: factory.Outcome, output: Place, as_json: bool) -> None:
     made = f"{output}: {outcome.there} of {count}, {outcome.made} made by this run"
     click.echo(made + (f"; draws rejected: {rejected}" if rejected else ""))
     if outcome.left:
-        click.echo("run the same command to make the rest", err=True)
+        click.echo(_rest_text(outcome), err=True)
     elif not outcome.there and outcome.failures:
         click.echo(
             f"{output}: nothing is kept, as every sample failed; change the recipe and run the same command again "
@@ -158,6 +160,22 @@ def _print(outcome: factory.Outcome, output: Place, as_json: bool) -> None:
             "this shard is done; the dataset is complete when the other shards are done",
             err=True,
         )
+
+
+def _rest_text(outcome: factory.Outcome) -> str:
+    """What to do about the samples that are still to be made."""
+    if not outcome.failures:
+        return "run the same command to make the rest"
+    rest = counted(outcome.left, "sample")
+    if outcome.there:
+        return (
+            f"run the same command to make the {rest} left; those that failed are not made again with this recipe, and "
+            "a changed one needs a new folder"
+        )
+    return (
+        f"no sample is made so far, and the {rest} left may fail alike: change the recipe as said above, then run the "
+        "same command again"
+    )
 
 
 def _print_estimate(estimate: factory.Estimate, output: Place, as_json: bool) -> None:

@@ -63,6 +63,7 @@ _EXISTS = "exists already; choose another name, or add --overwrite"
 PATH, PLACE = PlaceType(), PlaceType(remote=True)
 PNG_FILE = PlaceType(suffixes=(".png",))
 FIGURE_FILE = PlaceType(suffixes=(".png", ".svg"))
+TOML_FILE = PlaceType(suffixes=(".toml",))
 HTML_FILE = PlaceType(suffixes=(".html", ".htm"))
 
 

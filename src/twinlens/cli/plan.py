@@ -15,7 +15,7 @@ from twinlens.cli.options import (
     print_json,
     setting,
 )
-from twinlens.cli.places import FIGURE_FILE, PATH
+from twinlens.cli.places import FIGURE_FILE, TOML_FILE
 from twinlens.dataset.files import write_file
 from twinlens.errors import InputError
 from twinlens.factory import camera_text
@@ -106,7 +106,7 @@ _OPTIONS = {"fov_x_deg": "--fov", "depth_range": "--depth", "depth_error": "--de
 @click.option(
     "-o",
     "--output",
-    type=PATH,
+    type=TOML_FILE,
     help="A .toml file for `twinlens render --rig` and for recipes.",
 )
 @click.option(

@@ -51,7 +51,8 @@ from twinlens.scenes import load_scene
 )
 @click.option("--fit", default="focal", show_default=True,
               help="Focal length: focal (mean of both), all (both images fit), valid (no empty pixels) or opencv "
-                   "(focal length and centre as cv2.stereoRectify chooses them).")  # fmt: skip
+                   "(focal length and centre as cv2.stereoRectify chooses them). Of a fisheye of 170 degrees or more, "
+                   "focal and valid show the part around the middle of its image.")  # fmt: skip
 @click.option("--own-centres", is_flag=True,
               help="Centre each new view on what its camera sees; doffs is then not 0.")  # fmt: skip
 @click.option("--misalignment", metavar="NAME=VALUE,...",

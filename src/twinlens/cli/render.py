@@ -18,7 +18,7 @@ from twinlens.cli.options import (
 from twinlens.cli.places import PATH, PLACE, check_samples
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Place, Row, Sample
-from twinlens.errors import InputError, counted, located
+from twinlens.errors import InputError, counted, file_hint, located
 from twinlens.factory import (
     Shoot,
     add_sample,
@@ -116,8 +116,8 @@ _SECTIONS = {
     "rig",
     type=PATH,
     multiple=True,
-    help="A .toml file with the rig and, without --lens, its lenses; or a calibration of OpenCV, ROS, Kalibr, COLMAP "
-    "or a NeRF program, the option given twice where it is two files; see docs/rigs.md.",
+    help="A .toml file with the rig and, without --lens, its lenses; or a calibration of OpenCV, ROS, Kalibr, EuRoC, "
+    "COLMAP, Middlebury or a NeRF program, the option given twice where it is two files; see docs/rigs.md.",
 )
 @click.option(
     "--sky",
@@ -256,7 +256,7 @@ def _under_sky(scene: Scene, file: Path, seed: int) -> Scene:
     """The scene under the panorama of --sky."""
     with located("--sky"):
         if not file.exists():
-            raise InputError(f"no file or folder {str(file)!r}")
+            raise InputError(f"no file or folder {str(file)!r}{file_hint(file)}")
         return under_sky(scene, {"file": file.name}, file.parent, seed)
 
 

@@ -18,7 +18,7 @@ from twinlens.cli.boards import (
 from twinlens.cli.options import DISPARITY, Whole, json_option, print_json
 from twinlens.cli.places import PATH, missing_output
 from twinlens.dataset import place, read_disparity, read_png
-from twinlens.errors import FileError, InputError
+from twinlens.errors import FileError, InputError, file_hint
 from twinlens.scoring import (
     Scores,
     evaluate,
@@ -86,7 +86,7 @@ def command(
     """
     for path in submissions:
         if not path.exists():
-            raise FileError(f"{path}: no such file or folder")
+            raise FileError(f"{path}: no such file or folder{file_hint(path)}")
     one_map = submissions[0].suffix.lower() in _MAPS and not submissions[0].is_dir()
     if one_map:
         _check_truth_maps(truths, submissions[0])

@@ -46,6 +46,7 @@ from twinlens.errors import (
     InputError,
     check_known,
     counted,
+    file_hint,
     format_value,
     unknown,
 )
@@ -188,7 +189,9 @@ class Dataset(Sequence[StoredSample]):
     def __init__(self, path: Where) -> None:
         self.path = place(path)
         if not self.path.is_dir():
-            problem = "not a folder" if self.path.exists() else "no such folder"
+            problem = "not a folder"
+            if not self.path.exists():
+                problem = f"no such folder{file_hint(self.path)}"
             raise FileError(f"{self.path}: {problem}; a dataset is a folder of samples")
         if (self.path / MANIFEST).is_file():
             manifest = read_manifest(self.path)

@@ -163,14 +163,19 @@ class Source:
 def category(name: str, names: Collection[str]) -> str:
     """The name of an object without the number of a copy; `names` are those of all objects of its scene.
 
-    nut[3] is a copy. nut-2 is one only beside a nut: bolt-10 and bolt-12 may be two parts.
+    [3] is the number of a copy, and the name before it is kept as it is written. A name without it that ends in -2 is
+    another copy where the name before that is in the scene too, as families name their objects.
 
     >>> [category(name, ["nut", "nut-2", "bolt-10"]) for name in ("nut", "nut-2", "nut[3]", "bolt-10")]
     ['nut', 'nut', 'nut', 'bolt-10']
+    >>> category("nut-2[0]", ["nut", "nut-2[0]"])
+    'nut-2'
     """
-    plain = {_COPY.sub("", other) for other in names}
     whole = _COPY.sub("", name)
-    while (stem := _NUMBER.sub("", whole)) != whole and stem in plain:
+    if whole != name:
+        return whole
+    written = {_COPY.sub("", other) for other in names}
+    while (stem := _NUMBER.sub("", whole)) != whole and stem in written:
         whole = stem
     return whole
 

@@ -4,7 +4,6 @@ A template is a table in which any leaf may be one of these. Each leaf draws fro
 key path, so that adding a distribution to a recipe does not change the values of the others.
 """
 
-import difflib
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.special import ndtr, ndtri
 
-from twinlens.errors import InputError, format_value
+from twinlens.errors import InputError, format_value, nearest
 from twinlens.schema import (
     NonNegative,
     Number,
@@ -246,11 +245,9 @@ def hint(message: str, tree: Any) -> str:
     """
     key, _, problem = message.partition(": ")
     if table := re.search(r"must be .*, got \{(.*)", problem):
-        near: list[str] = []
         for word in re.findall(r"'(\w+)':", table[1]):
-            near += difflib.get_close_matches(word, KINDS, 1)
-        if near:
-            return f"; did you mean the distribution {near[0]!r}?"
+            if meant := nearest(word, KINDS):
+                return f"; did you mean the distribution {meant!r}?"
         return f"; distributions are {', '.join(KINDS)}"
     kinds = {leaf.key: leaf.kind for leaf in leaves(tree)}
     if "must be a whole number" in problem and kinds.get(key) in (

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from twinlens.dataset import Place, Row, StoredSample, describe
+from twinlens.dataset import Place, Row, Sample, StoredSample, describe
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.files import locked, remove_unfinished, write_file
 from twinlens.dataset.pictures import colourise, contact_sheet, tile
@@ -29,7 +29,7 @@ from twinlens.factory.ledger import Failure, Ledger, repairable, whole_samples
 from twinlens.factory.produce import check_draws, sample_or_failure
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import made_with
-from twinlens.factory.workers import Engine, Report, Work, in_process
+from twinlens.factory.workers import Engine, Report, Work, in_process, reported
 from twinlens.families import Assets
 
 MOST = 48
@@ -284,10 +284,16 @@ class Estimate:
     bytes: int = 0
 
 
-def estimate(recipe: Recipe, folder: Where) -> Estimate:
+def estimate(
+    recipe: Recipe, folder: Where, report: Report = lambda fraction, now: None
+) -> Estimate:
     """Make the next sample of `recipe`, write nothing, and extrapolate its time and size.
 
     It is made twice and the second time is measured: the first compiles kernels that all samples share.
+
+    report : called with the fraction done and a text.
+
+    Raises InputError where all draws of the sample are rejected.
     """
     root = place(folder)
     ledger = Ledger(root, recipe, made_with())
@@ -297,14 +303,10 @@ def estimate(recipe: Recipe, folder: Where) -> Estimate:
     before = recipe.count - len(missing)
     if not missing:
         return Estimate(recipe.count, before, 0, None)
-    sample_or_failure(recipe, missing[0])
+    check_draws(recipe, missing[0])
+    _made_or_error(recipe, missing[0], report, 0)
     start = time.perf_counter()
-    made = sample_or_failure(recipe, missing[0])
-    if isinstance(made, Failure):
-        last = made.rejections[-1]
-        raise InputError(
-            f"{recipe.file}: sample {made.index} fails: {last['found']}; change {made.remedy}"
-        )
+    made = _made_or_error(recipe, missing[0], report, 1)
     size = sum(map(len, sample_files(made).values()))
     seconds = time.perf_counter() - start
     todo = len(missing)
@@ -318,6 +320,18 @@ def estimate(recipe: Recipe, folder: Where) -> Estimate:
         seconds * todo,
         size * todo,
     )
+
+
+def _made_or_error(recipe: Recipe, index: int, report: Report, done: int) -> Sample:
+    """The sample, of which `done` of two copies are made. Raises InputError if all its draws are rejected."""
+    progress, note = reported(report, done, 2)
+    made = sample_or_failure(recipe, index, progress, note)
+    if isinstance(made, Failure):
+        last = made.rejections[-1]["found"]
+        raise InputError(
+            f"{recipe.file}: sample {index} fails: {last}; change {made.remedy}"
+        )
+    return made
 
 
 def write_preview(ledger: Ledger, tiles: dict[str, Image.Image]) -> None:

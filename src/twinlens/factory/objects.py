@@ -64,8 +64,8 @@ Label = Annotated[
     str,
     Field(min_length=1, max_length=100),
     satisfies(
-        lambda label: not re.search(r"(-\d+|\[\d+\])$", label),
-        "must not end as the number of a copy, such as -2 or [2], got {}",
+        lambda label: not re.search(r"\[\d+\]$", label),
+        "must not end as the number of a copy, such as [2], got {}",
     ),
 ]
 """The name of an object's copies, without their numbers."""
@@ -149,6 +149,9 @@ def copy_names(
 ) -> dict[str, list[str]]:
     """The names of the copies of each object in the truth: numbered where there is a count, or several of one label.
 
+    A file or a label that ends in -1 is numbered too: without the [0] its number would count as that of a copy
+    (`dataset.layouts.category`).
+
     >>> parts = [{"folder": "parts", "count": 2, "file": f"parts/{mesh}.glb"} for mesh in ("mug", "brick")]
     >>> copy_names({"part": parts, "lamp": [{"translate": [0, 0, 1]}]})
     {'part': ['mug[0]', 'brick[0]'], 'lamp': ['lamp']}
@@ -163,7 +166,10 @@ def copy_names(
     for name, tables in objects.items():
         names[name] = []
         for label, table in zip(labels[name], tables, strict=True):
-            if "count" not in table and (label == name or of_all[label] == 1):
+            is_alone = label == name or (
+                of_all[label] == 1 and not re.search(r"-\d+$", label)
+            )
+            if is_alone and "count" not in table:
                 names[name].append(label)
                 continue
             names[name].append(f"{label}[{used[label]}]")
@@ -176,9 +182,8 @@ def _label(name: str, table: Mapping[str, Any]) -> str:
     if isinstance(label := table.get("label"), str):
         return label
     if "folder" in table and isinstance(file := table.get("file"), str):
-        stem = PurePosixPath(file).stem
-        # A number at the end would be taken for that of a copy.
-        return re.sub(r"-(?=\d+$)", "_", stem.replace("[", "(").replace("]", ")"))
+        # Brackets at the end would be taken for the number of a copy.
+        return PurePosixPath(file).stem.replace("[", "(").replace("]", ")")
     return name
 
 

@@ -21,6 +21,7 @@ from twinlens.factory.gates import Rejected, check_photographs, check_truth
 from twinlens.factory.ledger import Failure
 from twinlens.factory.lenses import View
 from twinlens.factory.objects import check_seen, with_objects
+from twinlens.factory.overlap import check_overlap
 from twinlens.factory.plan import SampleSpec, has_fixed_size, is_fixed, plan
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
@@ -169,6 +170,8 @@ def _produced(recipe: Recipe, spec: SampleSpec, progress: Progress | None) -> Sa
     # Datasets record messages, so that the recipe's name in them has no folder.
     file = Path(recipe.file.name)
     settings = read(RecipeSettings, dict(spec.drawn), file)
+    if spec.kind == "family":
+        check_overlap(spec.scene, settings, gates, file, sources.file)
     objects = settings.scene.objects
     base = _lit_scene(spec, settings, sources)
     moved = base.at(base.world_from_left @ settings.scene.jitter.pose())
@@ -215,7 +218,9 @@ def _cameras(
 
 
 def check_draws(recipe: Recipe, index: int) -> None:
-    """Raise InputError if all draws of a sample are impossible: a mismatch that does not fit the rig, no light.
+    """Raise InputError if all draws of a sample are impossible.
+
+    Such are a mismatch that does not fit the rig, views that have nothing in common, and a scene without light.
 
     A family's scene is not made; what depends on it is checked when the sample is made.
     """
@@ -240,6 +245,8 @@ def _dry_run(
     spec = plan(recipe, index, attempt)
     settings = read(RecipeSettings, dict(spec.drawn), file)
     scene = recipe.sources.scene(spec.scene) if spec.kind == "scene" else ANY_SCENE
+    if spec.kind == "family":
+        check_overlap(spec.scene, settings, recipe.gates, file, recipe.sources.file)
     rig, sensor = _cameras(spec, settings, scene, recipe.sources, file)
     nominal = make_lenses(settings, None, file, recipe.sources.file)
     with located(str(file)):

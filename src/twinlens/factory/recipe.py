@@ -22,7 +22,14 @@ from pydantic import (
 
 from twinlens.camera import RecipeLens
 from twinlens.dataset.metadata import About
-from twinlens.errors import InputError, counted, format_value, located, unknown
+from twinlens.errors import (
+    InputError,
+    counted,
+    file_hint,
+    format_value,
+    located,
+    unknown,
+)
 from twinlens.factory.draws import corners, hint, leaves, normalized, template
 from twinlens.factory.gates import Gates
 from twinlens.factory.lenses import MaskTable
@@ -74,7 +81,7 @@ def _check_scene(name: str, info: Any) -> str:
         return name
     if Path(name).suffix or any(letter in name for letter in "/\\"):
         raise InputError(
-            f"no such file next to the recipe, in {folder.absolute()}: {name!r}"
+            f"no such file next to the recipe, in {folder.absolute()}: {name!r}{file_hint(folder / name)}"
         )
     raise InputError(
         f"{unknown('scene', name, bundled_scenes())}, nor a scene file next to the recipe"
@@ -91,7 +98,9 @@ def _check_assets(names: list[str], info: Any) -> list[str]:
 
 def _check_listed(kind: str, name: str, folder: Path) -> None:
     if not os.path.lexists(folder / name):
-        raise InputError(f"no file or folder {name!r} next to the recipe")
+        raise InputError(
+            f"no file or folder {name!r} next to the recipe{file_hint(folder / name)}"
+        )
     listed(kind, name, folder)
 
 

@@ -172,9 +172,9 @@ def read_rig_file(
     it, also where a table names them.
     """
     if not any(path.suffix == ".toml" for path in paths):
-        rig = read_rig(*paths, size=size).rig
-        warn_of_lengths(rig, [str(path) for path in paths])
-        return rig_table(rig), "", []
+        calibration = read_rig(*paths, size=size)
+        warn_of_lengths(calibration, [str(path) for path in paths])
+        return rig_table(calibration.rig), "", []
     if len(paths) > 1:
         raise FileError(f"{paths[1]}: a rig in a .toml file has no second file")
     path = paths[0]
@@ -283,7 +283,8 @@ class RecipeSettings(StrictModel):
         self, scene: Scene, scene_rig: Mapping[str, Any] | None, file: Path, find: Find
     ) -> Rig:
         """The rig in `scene`: that of the recipe, or `own`, the table of the scene, with the camera of the recipe."""
-        recipe_rig = with_files(self.rig, find)
+        with located(f"{file}: rig"):
+            recipe_rig = with_files(self.rig, find)
         table = recipe_rig or scene_rig or {}
         if self.camera is not None:
             camera = {**self.camera, "width": self.width, "height": self.height}

@@ -108,7 +108,7 @@ def in_process(work: Work, indices: Sequence[int], report: Report) -> Results:
     writing: tuple[int, Future[Entry]] | None = None
     with ThreadPoolExecutor(1, "twinlens-writer") as writer, _fewer_objects_collected():
         for done, index in enumerate(indices):
-            progress, note = _reported(report, done, len(indices))
+            progress, note = reported(report, done, len(indices))
             made = sample_or_failure(work.recipe, index, progress, note)
             if writing is not None:
                 yield writing[0], writing[1].result()
@@ -135,7 +135,7 @@ def _fewer_objects_collected() -> Iterator[None]:
         gc.unfreeze()
 
 
-def _reported(
+def reported(
     report: Report, done: int, count: int
 ) -> tuple[Progress, Callable[[str], None]]:
     """`progress` and `note` of `make`, that report the sample after `done` of `count`."""

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from twinlens.errors import FileError, InputError
+from twinlens.errors import FileError, InputError, file_hint
 from twinlens.families.draws import Rng
 from twinlens.scenes.assets import (
     USD_FILES,
@@ -201,7 +201,9 @@ def _listed(kind: str, folders: Iterable[str | Path]) -> tuple[Path, ...]:
     paths: set[Path] = set()
     for folder in map(Path, folders):
         if not folder.exists():
-            raise InputError(f"{kind}: no file or folder {str(folder)!r}")
+            raise InputError(
+                f"{kind}: no file or folder {str(folder)!r}{file_hint(folder)}"
+            )
         listed = [folder] if folder.is_file() else folder.rglob("*")
         inside = {path for path in listed if path.suffix.lower() in SUFFIXES[kind]}
         if not inside:

@@ -412,6 +412,7 @@ class Composition:
 class Family:
     """A description, the default object count (min, max), `compose`, and the smallest far/near that it supports.
 
+    farthest : metres, the largest depth in the picture of any scene without a `depth_range`.
     names : of its objects besides bodies, without the numbers that may follow, as in chair-2.
     may_be_empty : whether it has scenes without objects.
     """
@@ -420,6 +421,7 @@ class Family:
     object_count: tuple[int, int]
     compose: Callable[[Composition], None]
     least_ratio: float
+    farthest: float
     names: frozenset[str]
     may_be_empty: bool = False
 

@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from twinlens.errors import InputError, TwinlensError
+from twinlens.errors import InputError, TwinlensError, nearest
 from twinlens.matching.contract import (
     Answer,
     MatcherFailedError,
@@ -110,13 +110,22 @@ class PythonFunction(RangeMatcher):
         try:
             function = operator.attrgetter(name)(module)
         except AttributeError:
-            raise InputError(f"{refused}: {source} has no function {name!r}") from None
+            meant = nearest(name, _functions_of(module))
+            hint = f"; did you mean {meant!r}?" if meant else ""
+            raise InputError(
+                f"{refused}: {source} has no function {name!r}{hint}"
+            ) from None
         if not callable(function):
             kind = type(function).__name__
             raise InputError(
                 f"function {self.function!r} is {kind}, which cannot be called"
             )
         return function  # type: ignore[no-any-return]
+
+
+def _functions_of(module: Any) -> list[str]:
+    """The names in a module that can be called."""
+    return [name for name, value in vars(module).items() if callable(value)]
 
 
 def _import_source(source: str, refused: str) -> Any:

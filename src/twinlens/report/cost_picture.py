@@ -28,16 +28,21 @@ def cost_picture(
     """One row per method, as PNG or SVG: its curve, the left window, and the right windows of three candidates.
 
     images: uint8 or uint16 (H, W[, 3]), left and right. curves: of `cost_curve`, of one pixel. true_disparity: in
-    pixels, +inf if unknown. The candidates are the true disparity, the winner, and the rival.
+    pixels, +inf if unknown. The candidates are the true disparity, the winner, and the rival; an unknown true disparity
+    has no column.
     """
     with matplotlib.rc_context(RC_PARAMS):
         size = _WIDTH, _ROW_HEIGHT * len(curves) + 0.6
         sheet = Sheet(figsize=size, layout="constrained")
-        ratios = (4.6, 1, 1, 1, 1)
-        axes = sheet.subplots(len(curves), 5, squeeze=False, width_ratios=ratios)
+        has_truth = bool(np.isfinite(true_disparity))
+        windows = 4 if has_truth else 3
+        ratios = (4.6, *[1] * windows)
+        axes = sheet.subplots(
+            len(curves), 1 + windows, squeeze=False, width_ratios=ratios
+        )
         left, right = (rgb8(image) for image in images)
         for row, (name, curve) in zip(axes, curves.items(), strict=True):
-            candidates = _candidates(curve, true_disparity)
+            candidates = _candidates(curve, true_disparity if has_truth else None)
             _draw_curve(row[0], name, curve, candidates)
             _draw_window(row[1], left, curve, 0.0, "left window", "#666666")
             for cell, candidate in zip(row[2:], candidates, strict=True):
@@ -48,7 +53,7 @@ def cost_picture(
                 text, colour = candidate.name, candidate.colour
                 _draw_window(cell, right, curve, shift, text, colour)
         truth = "truth unknown"
-        if np.isfinite(true_disparity):
+        if has_truth:
             truth = f"true disparity {true_disparity:.2f} px"
         first = next(iter(curves.values()))
         title = f"Costs of pixel ({first.u}, {first.v}), {truth}"
@@ -71,12 +76,15 @@ class _Candidate:
         return self.disparity is not None and bool(np.isfinite(self.disparity))
 
 
-def _candidates(curve: CostCurve, true_disparity: float) -> list[_Candidate]:
-    return [
-        _Candidate("true", true_disparity, TRUE, "-"),
+def _candidates(curve: CostCurve, true_disparity: float | None) -> list[_Candidate]:
+    """The disparities to mark, one for each window of the right image; None leaves out the true one."""
+    candidates = [
         _Candidate("winner", curve.disparity, WINNER, "--"),
         _Candidate("rival", curve.rival, RIVAL, ":"),
     ]
+    if true_disparity is None:
+        return candidates
+    return [_Candidate("true", true_disparity, TRUE, "-"), *candidates]
 
 
 def _draw_curve(

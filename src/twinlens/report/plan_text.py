@@ -26,7 +26,7 @@ _LIMITS = {
     "depth error": _Display("depth error", 1e3, "mm"),
     "blur": _Display("blur circle", unit="px"),
     "diffraction": _Display("Airy disk", unit="px"),
-    "noise": _Display("exposure", 1e3, "ms"),
+    "noise": _Display("longest exposure", 1e3, "ms"),
     "overlap": _Display("overlap", 100, "%"),
     "disparities": _Display("disparities"),
     "smallest baseline": _Display("smallest baseline", 1e3, "mm"),
@@ -41,6 +41,8 @@ _FIELDS_OF_VIEW = {
     "longest focal length": _Display("smallest field of view", unit="degrees"),
 }
 """Of a task that has fields of view instead of focal lengths."""
+_LABELS_OF_USED = {"noise": "needed exposure"}
+"""Where what a rig needs is not the limit itself: the exposure that its least signal-to-noise ratio needs."""
 _RANGES = {
     "baseline": _Display("baseline", 1e3, "mm"),
     "focal_length_mm": _Display("focal length", unit="mm"),
@@ -107,7 +109,8 @@ def _facts(best: RigChoice) -> dict[str, str]:
     }
     if best.exposure is not None:
         facts["exposure"] = (
-            f"{1e3 * best.exposure:.3g} ms, signal-to-noise ratio of mid-grey {best.snr:.3g}"
+            f"{1e3 * best.exposure:.3g} ms, the longest allowed that does not saturate; signal-to-noise ratio of "
+            f"mid-grey {best.snr:.3g}"
         )
     return facts
 
@@ -135,6 +138,7 @@ def _range_texts(plan: RigPlan) -> list[str]:
 def _limit_line(plan: RigPlan, *names: str) -> str:
     """The row of a limit, or of the two ends of a range."""
     label, used = _value(plan, names[0], plan.used[names[0]])
+    label = _LABELS_OF_USED.get(names[0], label)
     for superlative in ("smallest ", "largest ", "shortest "):
         label = label.removeprefix(superlative)
     notes = [_binding_note(plan, name, names) for name in names if name in plan.binding]

@@ -27,6 +27,7 @@ from twinlens.errors import (
     InputError,
     MissingExtraError,
     counted,
+    file_hint,
     format_value,
     warn_not_used,
 )
@@ -201,6 +202,10 @@ def read_limited(path: Path, limit: int) -> bytes:
         if path.stat().st_size > limit:
             raise FileError(f"{path}: the file is larger than {limit >> 20} MiB")
         return path.read_bytes()
+    except FileNotFoundError as error:
+        raise FileError(
+            f"{path}: cannot be read ({error.strerror}){file_hint(path)}"
+        ) from error
     except OSError as error:
         raise FileError(f"{path}: cannot be read ({error.strerror})") from error
 

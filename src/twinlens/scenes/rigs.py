@@ -34,7 +34,7 @@ from twinlens.camera.patterns import PHASE_PERIOD, named
 from twinlens.camera.presets import CAMERAS, find_camera
 from twinlens.camera.projector import MAX_FRAMES
 from twinlens.camera.rig import check_seen
-from twinlens.errors import FileError, InputError, counted, located
+from twinlens.errors import FileError, InputError, check_known, counted, located
 from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes.assets import decode_picture
@@ -465,7 +465,7 @@ def _with_calibration(
         size=settings.size() or size,
         fisheye=settings.fisheye,
     )
-    warn_of_lengths(calibration.rig, settings.names())
+    warn_of_lengths(calibration, settings.names())
     return {**rest, **rig_table(calibration.rig, settings.poses)}
 
 
@@ -675,6 +675,8 @@ RigTable = Annotated[RigBase, reads(tagged("Rig", "layout", _RIGS, "parallel"))]
 """The table that `rig_from_table` reads."""
 
 _RIG: pydantic.TypeAdapter[RigBase] = pydantic.TypeAdapter(RigTable)
+_ALL_KEYS = {name for rig in _RIGS for name in rig.model_fields}
+"""Of the tables of all layouts: a misspelt `file` is near to a key that only one of them has."""
 
 
 def with_values(table: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
@@ -722,6 +724,8 @@ def rig_from_table(
     Raises InputError that names `file`, the key below the dotted path `key`, and what is allowed.
     """
     with located(f"{file}: {key}" if key else str(file)):
+        for name in table:
+            check_known("key", name, _ALL_KEYS)
         table = with_files(table, Path)
     checked = read(_RIG, table, file, key)
     with located(f"{file}: {key}" if key else str(file)):

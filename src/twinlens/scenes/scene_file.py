@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import pydantic
 
-from twinlens.errors import FileError, InputError, located, unknown
+from twinlens.errors import FileError, InputError, file_hint, located, unknown
 from twinlens.scenes.assets import SceneContext, find_asset, read_limited
 from twinlens.scenes.materials import Plugin
 from twinlens.scenes.objects import Object
@@ -211,7 +211,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
             raise FileError(f"{path.parent}: the folder has no {_SCENE_FILE}; {remedy}")
     if path.suffix in (".toml", ".xml"):
         if not path.is_file():
-            raise FileError(f"{path}: no such scene file")
+            raise FileError(f"{path}: no such scene file{file_hint(path)}")
         name = path.resolve().parent.name if path.name == _SCENE_FILE else path.stem
         if path.suffix == ".xml":
             return read_scene_xml(path)

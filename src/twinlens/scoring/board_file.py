@@ -16,7 +16,7 @@ import pydantic
 import twinlens
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.record import decode_json, plain, read
-from twinlens.errors import FileError, InputError, check_known
+from twinlens.errors import FileError, InputError, check_known, file_hint
 from twinlens.schema import (
     NonNegative,
     Number,
@@ -189,7 +189,8 @@ def read_board(path: str | os.PathLike[str]) -> Board:
     path = Path(path) / "board.json" if Path(path).is_dir() else Path(path)
     if not path.exists():
         raise FileError(
-            f"{path}: no such file; a board is a folder that `twinlens benchmark` writes, or its board.json"
+            f"{path}: no such file{file_hint(path)}; a board is a folder that `twinlens benchmark` writes, or its "
+            "board.json"
         )
     if path.is_file() and path.stat().st_size > MAX_BYTES:
         raise FileError(

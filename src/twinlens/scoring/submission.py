@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from twinlens.dataset import read_pfm, write_pfm
 from twinlens.dataset.codecs.pfm import decode_disparity
-from twinlens.errors import FileError, InputError, OutputError
+from twinlens.errors import FileError, InputError, OutputError, file_hint
 
 SCALES = (1, 2, 4)
 """Ratios of the truth's size to a map's; the protocol decides which of them it accepts."""
@@ -248,7 +248,9 @@ class Submission:
         try:
             return zipfile.ZipFile(self.path)
         except FileNotFoundError:
-            raise FileError(f"{self.path}: no such file or folder") from None
+            raise FileError(
+                f"{self.path}: no such file or folder{file_hint(self.path)}"
+            ) from None
         except Exception as error:
             raise FileError(
                 f"{self.path}: neither a folder nor a readable zip ({error})"

@@ -11,7 +11,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
-from twinlens.errors import FileError, InputError, TwinlensError, check_known, unknown
+from twinlens.errors import (
+    FileError,
+    InputError,
+    TwinlensError,
+    check_known,
+    file_hint,
+    unknown,
+)
 from twinlens.factory.sample import made_with
 from twinlens.matching import parse_method
 from twinlens.scenes import load_scene
@@ -223,7 +230,7 @@ def find_study(name: str | os.PathLike[str]) -> Study:
 def _from_file(path: Path) -> Study:
     if not path.is_file():
         raise FileError(
-            f"{path}: no such file; a study file is a Python file that defines STUDY = Study(...)"
+            f"{path}: no such file{file_hint(path)}; a study file is a Python file that defines STUDY = Study(...)"
         )
     with _located(path):
         namespace = runpy.run_path(str(path))

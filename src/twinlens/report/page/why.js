@@ -149,6 +149,7 @@ let explaining = 0;
 // Explain the pixel (x, y) of the selected sample's left image, in full resolution.
 async function drawWhy() {
   const mine = ++explaining, sample = sampleNow(), p = sample && sample.pictures, at = state.pixel;
+  $("key-truth").hidden = !(p && p.truth);
   const hint = (text) => $("why").replaceChildren(el("p", { class: "empty" }, text));
   if (!p) { $("why").replaceChildren(); return; }
   if (!p.grey) { hint("This page was written without the full-resolution images of this sample, to keep it small."); return; }
@@ -164,7 +165,6 @@ async function drawWhy() {
   const maps = await Promise.all(shown.map((m) => mapOf(p.maps[m.name])));
   const gaps = await Promise.all(shown.map((m) => (p.differences && p.differences[m.name] ? mapOf(p.differences[m.name]) : null)));
   if (mine !== explaining) return;
-  $("key-truth").hidden = !truth;
   const explained = (m, k) => explain(m, sample, pair, truth, maps[k][i], gaps[k] && gaps[k][i], x, y);
   $("why").replaceChildren(...shown.map((m, k) => whyRow(m, explained(m, k), pair, truth ? truth.values[i] : Infinity, x, y)));
 }
