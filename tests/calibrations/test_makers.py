@@ -383,8 +383,15 @@ def test_a_wrong_calib_txt_is_one_line(tmp_path, twinlens, old, new, says):
     assert err.count("\n") == 1
 
 
-def test_a_calib_txt_of_metres_is_not_taken_for_one_of_millimetres(tmp_path, recwarn):
-    # A wide baseline is allowed: the unit is the format's.
-    (tmp_path / "calib.txt").write_text(SPACED.replace("= 120", "= 12000"))
-    rig_from_table({"file": str(tmp_path / "calib.txt")}, SCENE, 64, 48)
+def test_the_unit_of_a_calib_txt_is_its_formats(tmp_path, twinlens, recwarn):
+    file, table = tmp_path / "calib.txt", {"file": str(tmp_path / "calib.txt")}
+    file.write_text(SPACED.replace("= 120", "= 12000"))
+    rig_from_table(table, SCENE, 64, 48)
     assert not recwarn
+    file.write_text(SPACED.replace("= 120", "= 0.12"))
+    with pytest.warns(LengthWarning, match=r"0.12 mm apart.* baseline=120$"):
+        rig_from_table(table, SCENE, 64, 48)
+    assert (
+        "write it in millimetres: baseline=120."
+        in twinlens("cameras", "--read", file)[1]
+    )

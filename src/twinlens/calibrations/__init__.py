@@ -1,7 +1,7 @@
 """Rigs in the calibration files of other programs. Never renders."""
 
 from twinlens.calibrations.reading import (
-    are_far_apart as are_far_apart,
+    doubt_of_lengths as doubt_of_lengths,
     read_rig as read_rig,
     warn_of_lengths as warn_of_lengths,
 )

@@ -40,6 +40,8 @@ FORMS = (
 
 _FAR_APART = 10.0
 """Metres between the cameras of a pair above which the file's lengths are more likely in millimetres."""
+_CLOSE_TOGETHER = 1e-3
+"""Metres below which the baseline of a calib.txt is more likely in metres than in millimetres, its unit."""
 
 
 class LengthWarning(UserWarning):
@@ -189,23 +191,31 @@ def _has_cameras(values: Mapping[str, Any]) -> bool:
     return any(name in values for name in ("M1", "K1", "cameraMatrix1"))
 
 
-def are_far_apart(named: NamedRig) -> bool:
-    """Whether the first two cameras are so far apart that the lengths of their file are more likely in millimetres."""
+def doubt_of_lengths(named: NamedRig, names: Sequence[str]) -> str:
+    """What to do if the lengths of calibration files, `names`, are probably in another unit; empty if they are not."""
+    if len(named.rig) < 2:
+        return ""
+    apart = named.rig.baseline()
+    if named.has_unit:
+        if apart >= _CLOSE_TOGETHER:
+            return ""
+        return (
+            f"the cameras are {1e3 * apart:.4g} mm apart; if the file's baseline is in metres, write it in "
+            f"millimetres: baseline={1e6 * apart:.6g}"
+        )
+    if apart <= _FAR_APART:
+        return ""
+    file = names[0] if len(names) == 1 else list(names)
     return (
-        len(named.rig) > 1 and not named.has_unit and named.rig.baseline() > _FAR_APART
+        f"the first two cameras are {apart:.4g} m apart; if the lengths are millimetres, state it in the table of a "
+        f'rig: file = {json.dumps(file)}, length_unit = "mm"'
     )
 
 
 def warn_of_lengths(named: NamedRig, names: Sequence[str]) -> None:
-    """Warn if the cameras of calibration files, `names`, are so far apart that a length is more likely a millimetre."""
-    if are_far_apart(named):
-        file = names[0] if len(names) == 1 else list(names)
-        warnings.warn(
-            f"{', '.join(names)}: the first two cameras are {named.rig.baseline():.4g} m apart; if the lengths are "
-            f'millimetres, state it in the table of a rig: file = {json.dumps(file)}, length_unit = "mm"',
-            LengthWarning,
-            stacklevel=3,
-        )
+    """Give a `LengthWarning` if there is a `doubt_of_lengths`."""
+    if doubt := doubt_of_lengths(named, names):
+        warnings.warn(f"{', '.join(names)}: {doubt}", LengthWarning, stacklevel=3)
 
 
 def _size_unless_stored(

@@ -79,7 +79,9 @@ def read_storage(path: Path) -> dict[str, Any]:
         return {str(name): _matrix(name, value) for name, value in values.items()}
     except (yaml.YAMLError, expat.ExpatError) as error:
         reason = " ".join(str(error).split())
-        raise FileError(f"{path}: cannot be read: {reason[:200]}") from None
+        raise FileError(
+            f"{path}: cannot be read as YAML, XML or JSON: {reason[:200]}"
+        ) from None
     except RecursionError:
         raise FileError(f"{path}: is nested too deeply") from None
     except (ValueError, OverflowError) as error:

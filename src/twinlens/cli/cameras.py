@@ -7,7 +7,7 @@ from typing import Any
 import click
 from scipy.spatial.transform import Rotation
 
-from twinlens.calibrations import NamedRig, are_far_apart, read_rig
+from twinlens.calibrations import NamedRig, doubt_of_lengths, read_rig
 from twinlens.camera import BrownConrady, Camera, Rig
 from twinlens.camera.film import SENSOR_WIDTHS_MM
 from twinlens.camera.presets import CAMERAS
@@ -137,11 +137,8 @@ def _described(named: NamedRig, files: tuple[Path, ...]) -> list[str]:
     lines.append(
         "The centre of the first pixel is at 0 here and in OpenCV's files, at 0.5 in COLMAP's and transforms.json."
     )
-    if are_far_apart(named):
-        lines.append(
-            "If these lengths are millimetres, name the file in a rig's .toml: "
-            'file = "...", length_unit = "mm".'
-        )
+    if doubt := doubt_of_lengths(named, [str(file) for file in files]):
+        lines.append(f"{doubt[0].upper()}{doubt[1:]}.")
     may_be_fisheye = any(map(_may_be_fisheye, named.rig.cameras))
     if may_be_fisheye and not named.has_model:
         lines.append(

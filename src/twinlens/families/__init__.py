@@ -57,7 +57,7 @@ FAMILIES: dict[str, Family] = {
         (4, 14),
         street.compose,
         2.5,
-        100.0,
+        150.0,
         street.NAMES,
         True,
     ),

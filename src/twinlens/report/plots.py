@@ -63,6 +63,7 @@ _RING: dict[str, Any] = {
 }
 _PLAIN: dict[str, Any] = {"color": PALETTE[0], "marker": "o"}
 _TICK_DISTANCE = 0.065  # of two ticks at least, relative to the axis
+_CHARACTER = 0.024  # width of a character of a tick's label, relative to the axis of the narrowest panel
 
 
 def draw(figure: Figure, table: Table) -> Sheet:
@@ -384,7 +385,7 @@ class _Panel:
         if figure.log_x and _positive(x).size:
             ticks = _separate_ticks(np.unique(_positive(x)).tolist())
             axes.set_xscale("log")
-            axes.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
+            axes.set_xticks(ticks, [_tick_label(tick) for tick in ticks])
             axes.set_xticks([], minor=True)
         drawn = (figure.y, *figure.also)
         if figure.log_y and any(_positive(rows.numbers(name)).size for name in drawn):
@@ -434,13 +435,21 @@ class _Panel:
         )
 
 
+def _tick_label(value: float) -> str:
+    return f"{value:.3g}"
+
+
 def _separate_ticks(places: Sequence[float]) -> list[float]:
-    """The places on a logarithmic axis, increasing, without those too close to the previous tick."""
-    least = _TICK_DISTANCE * math.log(places[-1] / places[0])
+    """The places on a logarithmic axis, increasing, without those too close to the previous tick or to its label."""
+    whole = math.log(places[-1] / places[0])
     ticks: list[float] = []
     for place in places:
-        if not ticks or math.log(place / ticks[-1]) >= least:
-            ticks.append(place)
+        if ticks:
+            characters = len(_tick_label(ticks[-1]) + _tick_label(place)) / 2
+            least = max(_TICK_DISTANCE, _CHARACTER * (characters + 0.5))
+            if math.log(place / ticks[-1]) < least * whole:
+                continue
+        ticks.append(place)
     return ticks
 
 
