@@ -1,6 +1,7 @@
 """From the calibration file of a rig that is not rectified to a dataset that a matcher can use.
 
-By the commands of docs/rigs.md alone, with the same rig in the files of four programs.
+By the commands of docs/rigs.md alone, with the same rig in the files of four programs; a pair that is rectified
+already, and fisheyes.
 """
 
 import json
@@ -154,6 +155,74 @@ def test_from_a_calibration_to_rectified_pairs(twinlens, tmp_path, monkeypatch, 
     assert "twinlens rectify made" in said["generate"]
     assert "sgm" in said["benchmark"]
     _check_disparities(tl.Dataset("rectified"))
+
+
+CALIB = """cam0=[110.0 0 63.0; 0 110.0 48.5; 0 0 1]
+cam1=[110.0 0 66.5; 0 110.0 48.5; 0 0 1]
+doffs=3.5
+baseline=110
+width=128
+height=96
+ndisp=40
+"""
+FISHEYE = """cam0:
+  camera_model: pinhole
+  distortion_model: equidistant
+  distortion_coeffs: [-0.013, 0.021, -0.016, 0.004]
+  intrinsics: [47.7, 47.7, 63.6, 64.1]
+  resolution: [128, 128]
+cam1:
+  T_cn_cnm1: [[1, 0, 0, -0.11], [0, 1, 0, 0.001], [0, 0, 1, -0.001], [0, 0, 0, 1]]
+  camera_model: pinhole
+  distortion_model: equidistant
+  distortion_coeffs: [-0.013, 0.021, -0.016, 0.004]
+  intrinsics: [47.6, 47.6, 63.1, 63.8]
+  resolution: [128, 128]
+"""
+
+
+@pytest.mark.slow
+def test_a_calib_txt_needs_no_rectification(twinlens, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("calib.txt").write_text(CALIB)
+    write_recipe(tmp_path, ["calib.txt"])
+    code, out, err = twinlens("generate", "calibrated.toml", "-o", "made")
+    assert code == 0, err
+    assert "rectify" not in out + err
+    for line in ("verify made", "benchmark made --methods sgm -o board"):
+        code, out, err = twinlens(*line.split())
+        assert code == 0, err
+    (sample,) = tl.Dataset("made")
+    known = np.isfinite(sample.disp0)
+    # Middlebury: Z = baseline f / (d + doffs), the baseline in millimetres.
+    depth_mm = 110.0 * 110.0 / (sample.disp0[known].astype(np.float64) + 3.5)
+    assert depth_mm == pytest.approx(1e3 * sample.depth0[known], rel=1e-5)
+
+
+@pytest.mark.slow
+def test_fisheyes_that_see_each_other_become_a_pair(twinlens, tmp_path, monkeypatch):
+    """Of 155 degrees, as a camchain of Kalibr: each sees the other at its edge."""
+    monkeypatch.chdir(tmp_path)
+    Path("camchain.yaml").write_text(FISHEYE)
+    write_recipe(tmp_path, ["camchain.yaml"])
+    assert twinlens("generate", "calibrated.toml", "-o", "made")[0] == 0
+    code, _, err = twinlens("rectify", "made", "-o", "rectified", "--fit", "opencv")
+    assert code == 2
+    assert "'focal' and 'valid' show the part around the middle" in err
+    for line in (
+        "rectify made -o rectified",
+        "verify rectified",
+        "benchmark rectified --methods sgm -o board",
+    ):
+        code, out, err = twinlens(*line.split())
+        assert code == 0, out + err
+    (sample,) = tl.Dataset("rectified")
+    known = np.isfinite(sample.disp0)
+    assert known.mean() > 0.9
+    baseline = np.linalg.norm([0.11, 0.001, 0.001])
+    depth = sample.depth0[known].astype(np.float64)
+    expected = sample.rig.cameras[0].fx * baseline / depth
+    assert np.abs(sample.disp0[known] - expected).max() < 1e-4
 
 
 def _check_disparities(dataset):
