@@ -63,6 +63,10 @@ render cards --size 0x9 -o {tmp}/o | WIDTHxHEIGHT
 render cards --fov 200 -o {tmp}/o | --fov: must be a number of degrees > 0 and <= 179, got
 render cards --baseline 1e5 -o {tmp}/o | --baseline 100000: the views have nothing in common
 render cards --lens f2.8@3 -o {tmp}/o | did you mean 'f/2.8@3'?
+render cards --lens f/2.8,focus=3m -o {tmp}/o | must be f/N[@FOCUS_M], and '2.8,focus=3m' is no number
+render cards --lens thin:f_number=2 -o {tmp}/o | must be thin:DIAMETER_MM[@FOCUS_M], and 'f_number=2' is no number
+plan --depth 1,4 --fov 60 -o {tmp}/plan.txt | plan.txt' must end in .toml
+benchmark {tmp}/none --methods zcnn -o {tmp}/b | did you mean 'zncc'?
 render cards --lens thin:3 --lens thin:3 -o {tmp}/o | --lens thin:3: is given twice
 render cards --aperture polygon:6 -o {tmp}/o | --aperture polygon:6: has no effect, every
 render cards --dual-pixel -o {tmp}/o | --dual-pixel: has no effect, every lens is a pinhole

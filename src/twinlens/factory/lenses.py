@@ -399,8 +399,12 @@ def _table_of_form(kind: str, text: str, where: str) -> dict[str, Any]:
         raise InputError(f"{where}: must be {form}")
     table: dict[str, Any] = {"kind": "thin" if kind == "f/" else kind}
     for key, value in match.groupdict().items():
-        if value is not None:
-            table[key] = parse_number(value)
+        if value is None:
+            continue
+        number = parse_number(value)
+        if isinstance(number, str):
+            raise InputError(f"{where}: must be {form}, and {value!r} is no number")
+        table[key] = number
     return table
 
 
