@@ -16,12 +16,17 @@ from twinlens.scenes.scene import Mesh
 
 _TILE = 0.4  # metres, of the pattern of leaves
 _GOLDEN = math.pi * (3 - math.sqrt(5))  # between leaves that follow each other
+_UP = np.array([0.0, 0.0, 1.0])
+_POINTS_OF_STEM, _POINTS_OF_BRANCH, _POINTS_OF_TWIG = 9, 6, 4
+_POINTS_OF_TRUNK, _POINTS_OF_HEDGE_TWIG = 8, 7
+_TWIGS_OF_BRANCH = 7
 
 
 def pot(radius: float, tall: float) -> tuple[Mesh, Mesh]:
     """A pot, widest at its rim, and the soil in it."""
     wall = 0.12 * radius
     inside, soil = radius - wall, 0.9 * tall
+    # Points that are written twice make hard edges.
     outline = [
         (0, 0), (0.72 * radius, 0), (0.72 * radius, 0), (0.95 * radius, 0.86 * tall),
         (0.95 * radius, 0.86 * tall), (radius, 0.86 * tall), (radius, 0.86 * tall),
@@ -38,6 +43,7 @@ def pot(radius: float, tall: float) -> tuple[Mesh, Mesh]:
 
 
 def _directions(azimuth: ArrayLike, elevation: ArrayLike) -> Float:
+    """Unit vectors (..., 3) at azimuths from +x to +y, and elevations above the horizon."""
     level = np.cos(elevation)
     x, y = level * np.cos(azimuth), level * np.sin(azimuth)
     return np.stack(np.broadcast_arrays(x, y, np.sin(elevation)), axis=-1)
@@ -48,12 +54,13 @@ def _leaf_poses(
 ) -> Float:
     """Poses (N, 4, 4) of blades at places (N, 3), along `outward` (N, 3), upper side up, scaled by `size` (N,)."""
     y = outward / np.linalg.norm(outward, axis=1, keepdims=True)
-    up = np.array([0.0, 0.0, 1.0]) + roll * rng.normal(size=y.shape)
+    up = _UP + roll * rng.normal(size=y.shape)
     x = np.cross(y, up)
     x /= np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-9)
     z = np.cross(x, y)
+    turn = np.stack([x, y, z], axis=-1)
     poses = np.tile(np.eye(4), (len(y), 1, 1))
-    poses[:, :3, :3] = np.stack([x, y, z], axis=-1) * size[:, None, None]
+    poses[:, :3, :3] = turn * size[:, None, None]
     poses[:, :3, 3] = places
     return poses
 
@@ -67,39 +74,50 @@ def pot_plant(rng: Rng) -> Piece:
     """A pot plant of 0.3 to 1.1 m: stems that bend outwards, with leaves all along their upper parts."""
     radius, tall = rng.uniform(0.06, 0.14), rng.uniform(0.1, 0.24)
     rise = rng.uniform(0.2, 0.75)
-    stems = int(rng.integers(5, 12))
-    azimuth = _GOLDEN * np.arange(stems) + rng.uniform(0, 0.6, stems)
-    spread = rng.uniform(0.25, 0.75, stems) * rise
+    count = int(rng.integers(5, 12))
+    azimuth = _GOLDEN * np.arange(count) + rng.uniform(0, 0.6, count)
     base = 0.4 * radius * _directions(azimuth, 0.0) + [0, 0, 0.88 * tall]
-    t = np.linspace(0, 1, 9)[:, None]
-    out = _directions(azimuth, 0.0)[:, None] * (spread[:, None, None] * t**1.7)
-    height = rise * rng.uniform(0.6, 1.0, stems)
-    up = height[:, None, None] * np.array([0, 0, 1.0]) * np.sin(1.45 * t)
-    paths = base[:, None] + out + up
-    thin = np.linspace(0.0035, 0.0012, 9)
-
-    per_stem = int(rng.integers(10, 26))
-    share = np.linspace(0.22, 0.98, per_stem) * 8
-    index = share.astype(int)
-    places = paths[:, index] + (share - index)[:, None] * (
-        paths[:, index + 1] - paths[:, index]
-    )
-    turn = _GOLDEN * np.arange(per_stem) + azimuth[:, None]
-    elevation = rng.uniform(-0.2, 0.9, turn.shape)
-    outward = _directions(turn, elevation).reshape(-1, 3)
-    size = rng.uniform(0.6, 1.1, len(outward))
-    long = rng.uniform(0.05, 0.14)
-    shape = rng.uniform(0.25, 0.65), rng.uniform(0.1, 0.5), rng.uniform(0.0, 0.5)
-    leaf = blade(long, shape[0] * long, 3, *shape[1:])
-    poses = _leaf_poses(rng, places.reshape(-1, 3), outward, size)
+    stems = _stems(rng, base, azimuth, rise)
+    leaves = _leaves_of_stems(rng, stems, azimuth)
+    thickness = np.linspace(0.0035, 0.0012, _POINTS_OF_STEM)
     vessel, earth = pot(radius, tall)
     return standing(
         "pot-plant",
         Part("pot", vessel, "glaze"),
         Part("soil", earth, "soil"),
-        Part("stems", tubes(paths, thin, 6), "bark"),
-        Part("leaves", _leaves(rng, leaf, poses), "leaf"),
+        Part("stems", tubes(stems, thickness, 6), "bark"),
+        Part("leaves", leaves, "leaf"),
     )
+
+
+def _stems(rng: Rng, base: Float, azimuth: Float, rise: float) -> Float:
+    """Paths (N, 9, 3) from `base` (N, 3) that rise at most `rise` metres, bend outwards and end nearly level."""
+    count = len(base)
+    spread = rng.uniform(0.25, 0.75, count) * rise
+    height = rise * rng.uniform(0.6, 1.0, count)
+    t = np.linspace(0, 1, _POINTS_OF_STEM)[:, None]
+    outward = _directions(azimuth, 0.0)[:, None] * (spread[:, None, None] * t**1.7)
+    upward = height[:, None, None] * _UP * np.sin(1.45 * t)
+    return np.asarray(base[:, None] + outward + upward)
+
+
+def _leaves_of_stems(rng: Rng, stems: Float, azimuth: Float) -> Mesh:
+    """Leaves all along the upper parts of stems (N, 9, 3), to all sides by turns."""
+    per_stem = int(rng.integers(10, 26))
+    share = np.linspace(0.22, 0.98, per_stem) * (_POINTS_OF_STEM - 1)
+    index = share.astype(int)
+    start, end = stems[:, index], stems[:, index + 1]
+    places = start + (share - index)[:, None] * (end - start)
+    turn = _GOLDEN * np.arange(per_stem) + azimuth[:, None]
+    elevation = rng.uniform(-0.2, 0.9, turn.shape)
+    outward = _directions(turn, elevation).reshape(-1, 3)
+    size = rng.uniform(0.6, 1.1, len(outward))
+    long = rng.uniform(0.05, 0.14)
+    slender = rng.uniform(0.25, 0.65)
+    droop, fold = rng.uniform(0.1, 0.5), rng.uniform(0.0, 0.5)
+    leaf = blade(long, slender * long, 3, droop, fold)
+    poses = _leaf_poses(rng, places.reshape(-1, 3), outward, size)
+    return _leaves(rng, leaf, poses)
 
 
 def tree(rng: Rng) -> Piece:
@@ -118,68 +136,81 @@ def tree(rng: Rng) -> Piece:
     azimuth = _GOLDEN * np.arange(count) + rng.uniform(-0.4, 0.4, count)
     rise = rng.uniform(0.15, 0.5, count) + 0.6 * height
     outward = _directions(azimuth, rise)
-    branches = _bent(rng, _along(trunk, share), outward, reach, 6)
-    taper = np.linspace(1.0, 0.25, 6)
+    starts = _along(trunk, share)
+    branches = _bent(rng, starts, outward, reach, _POINTS_OF_BRANCH)
+    twigs = _twigs(rng, branches, outward, reach)
+    leaves = _leaves_of_twigs(rng, twigs)
+
+    trunk_radius = thick * np.linspace(1.0, 0.25, _POINTS_OF_TRUNK)
+    taper = np.linspace(1.0, 0.25, _POINTS_OF_BRANCH)
     branch_radius = (0.35 * thick * (1 - 0.6 * share))[:, None] * taper
-
-    # Twigs leave the outer part of the branches to all sides.
-    per_branch = 7
-    places = np.linspace(0.3, 1.0, per_branch)
-    twig_starts = np.concatenate([_along(branch, places) for branch in branches])
-    sides = rng.normal(size=twig_starts.shape)
-    sides += np.repeat(outward, per_branch, axis=0) + np.array([0, 0, 0.3])
-    sides /= np.linalg.norm(sides, axis=1, keepdims=True)
-    twig_reach = np.repeat(reach, per_branch) * rng.uniform(0.25, 0.5, len(sides))
-    twigs = _bent(rng, twig_starts, sides, twig_reach, 4)
-    twig_radius = np.linspace(0.10, 0.04, 4) * thick
-
-    # Leaves stand on the twigs and hang a little; where there are few, they are large.
-    per_twig = round(log_uniform(rng, 4.0, 10.0))
-    on_twigs = np.linspace(0.15, 1.0, per_twig)
-    leaf_places = np.concatenate([_along(twig, on_twigs) for twig in twigs])
-    size = rng.uniform(0.7, 1.2, len(leaf_places))
-    leaf_outward = rng.normal(size=leaf_places.shape) - [0, 0, 0.2]
-    long = float(rng.uniform(0.6, 0.85)) / math.sqrt(per_twig)
-    leaf = _folded_leaf(long, float(rng.uniform(0.5, 0.85)) * long)
-    poses = _leaf_poses(rng, leaf_places, leaf_outward, size)
-
+    twig_radius = np.linspace(0.10, 0.04, _POINTS_OF_TWIG) * thick
     wood = [
-        tubes(trunk[None], thick * np.linspace(1.0, 0.25, len(trunk))[None], 8),
+        tubes(trunk[None], trunk_radius[None], 8),
         tubes(branches, branch_radius, 5),
         tubes(twigs, twig_radius, 3),
     ]
     return standing(
         "tree",
         Part("wood", shapes.merged(wood), "bark"),
-        Part("leaves", _leaves(rng, leaf, poses), "leaf"),
+        Part("leaves", leaves, "leaf"),
     )
+
+
+def _trunk(rng: Rng, tall: float) -> Float:
+    """A line (8, 3) upwards that leaves the vertical by a few per cent of its length."""
+    t = np.linspace(0, 1, _POINTS_OF_TRUNK)[:, None]
+    lean, bend = rng.normal(0, 0.03, 3), rng.normal(0, 0.04, 3)
+    lean[2] = bend[2] = 0.0
+    return np.asarray(tall * (t * _UP + t * lean + np.sin(math.pi * t) * bend))
+
+
+def _twigs(rng: Rng, branches: Float, outward: Float, reach: Float) -> Float:
+    """Paths (N, 4, 3) of twigs that leave the outer parts of branches to all sides.
+
+    outward, reach : directions (B, 3) and lengths (B,) of the branches.
+    """
+    share = np.linspace(0.3, 1.0, _TWIGS_OF_BRANCH)
+    starts = np.concatenate([_along(branch, share) for branch in branches])
+    sides = rng.normal(size=starts.shape)
+    sides += np.repeat(outward, _TWIGS_OF_BRANCH, axis=0) + np.array([0, 0, 0.3])
+    sides /= np.linalg.norm(sides, axis=1, keepdims=True)
+    reach_of_branch = np.repeat(reach, _TWIGS_OF_BRANCH)
+    length = reach_of_branch * rng.uniform(0.25, 0.5, len(sides))
+    return _bent(rng, starts, sides, length, _POINTS_OF_TWIG)
+
+
+def _leaves_of_twigs(rng: Rng, twigs: Float) -> Mesh:
+    """Leaves that stand on twigs (N, 4, 3) and hang a little; where there are few, they are large."""
+    per_twig = round(log_uniform(rng, 4.0, 10.0))
+    share = np.linspace(0.15, 1.0, per_twig)
+    places = np.concatenate([_along(twig, share) for twig in twigs])
+    size = rng.uniform(0.7, 1.2, len(places))
+    outward = rng.normal(size=places.shape) - [0, 0, 0.2]
+    long = float(rng.uniform(0.6, 0.85)) / math.sqrt(per_twig)
+    leaf = _folded_leaf(long, float(rng.uniform(0.5, 0.85)) * long)
+    poses = _leaf_poses(rng, places, outward, size)
+    return _leaves(rng, leaf, poses)
 
 
 def _folded_leaf(long: float, wide: float) -> Mesh:
     """A rhombus along +y that is folded along its midrib: two triangles, both sides."""
     rise = 0.12 * wide
     middle = 0.45 * long
-    vertices = np.array(
-        [[0, 0, 0], [wide / 2, middle, rise], [0, long, 0], [-wide / 2, middle, rise]]
-    )
+    base, tip = [0, 0, 0], [0, long, 0]
+    right, left = [wide / 2, middle, rise], [-wide / 2, middle, rise]
+    vertices = np.array([base, right, tip, left])
     faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
     normals = np.tile([0.0, 0.0, 1.0], (4, 1))
     return double_sided(vertices, faces, normals, vertices[:, :2].copy(), 2e-4)
-
-
-def _trunk(rng: Rng, tall: float) -> Float:
-    """A line (8, 3) upwards that leaves the vertical by a few per cent of its length."""
-    t = np.linspace(0, 1, 8)[:, None]
-    lean, bend = rng.normal(0, 0.03, 3), rng.normal(0, 0.04, 3)
-    lean[2] = bend[2] = 0.0
-    return np.asarray(tall * (t * [0, 0, 1] + t * lean + np.sin(math.pi * t) * bend))
 
 
 def _along(path: Float, share: Float) -> Float:
     """Points (N, 3) at shares (N,) of a path (M, 3) of equal steps."""
     at = np.clip(share, 0, 1) * (len(path) - 1)
     low = np.minimum(at.astype(int), len(path) - 2)
-    return np.asarray(path[low] + (at - low)[:, None] * (path[low + 1] - path[low]))
+    step = path[low + 1] - path[low]
+    return np.asarray(path[low] + (at - low)[:, None] * step)
 
 
 def _bent(rng: Rng, starts: Float, outward: Float, length: Float, count: int) -> Float:
@@ -196,29 +227,48 @@ def hedge(rng: Rng) -> Piece:
     tall, rise = rng.uniform(0.12, 0.3), rng.uniform(0.3, 0.8)
     box = board((long, deep, tall), (0, 0, tall / 2), 0.01)
     earth = board((long - 0.04, deep - 0.04, 0.02), (0, 0, tall + 0.004))
-
-    twigs, steps = int(rng.integers(18, 34)), 7
-    half = np.array([long, deep]) / 2 - 0.03
-    foot = np.append(half, 0.0) * rng.uniform(-1, 1, (twigs, 3)) + [0, 0, tall]
-    reach = np.array([0.12, 0.12, 0.0]) * rng.normal(size=(twigs, 3))
-    tip = foot + reach + rise * rng.uniform(0.5, 1.0, (twigs, 1)) * [0, 0, 1.0]
-    t = np.linspace(0, 1, steps)[:, None]
-    paths = foot[:, None] + t * (tip - foot)[:, None]
-    paths[:, 1:-1] += rng.normal(0, 0.012, (twigs, steps - 2, 3))
-
-    per_twig = int(rng.integers(12, 22))
-    share = np.linspace(0.1, 1.0, per_twig)
-    places = foot[:, None] + share[:, None] * (tip - foot)[:, None]
-    places = (places + rng.normal(0, 0.02, places.shape)).reshape(-1, 3)
-    outward = rng.normal([0.0, 0.0, 0.4], 1.0, places.shape)
-    size = rng.uniform(0.6, 1.2, len(places))
-    length = rng.uniform(0.05, 0.13)
-    leaf = blade(length, rng.uniform(0.35, 0.7) * length, 2, 0.3, 0.25)
-    poses = _leaf_poses(rng, places, outward, size, roll=0.8)
+    foot, tip = _ends_of_thicket(rng, np.array([long, deep]) / 2 - 0.03, tall, rise)
+    twigs = _crooked(rng, foot, tip)
+    leaf, poses = _leaves_of_thicket(rng, foot, tip)
+    word = one_of(rng, ["wood", "paint", "white", "card"])
+    thickness = np.linspace(0.004, 0.0015, _POINTS_OF_HEDGE_TWIG)
     return standing(
         "hedge",
-        Part("planter", box, one_of(rng, ["wood", "paint", "white", "card"])),
+        Part("planter", box, word),
         Part("soil", earth, "soil"),
-        Part("twigs", tubes(paths, np.linspace(0.004, 0.0015, steps), 5), "bark"),
+        Part("twigs", tubes(twigs, thickness, 5), "bark"),
         Part("leaves", _leaves(rng, leaf, poses), "leaf"),
     )
+
+
+def _ends_of_thicket(
+    rng: Rng, half: Float, tall: float, rise: float
+) -> tuple[Float, Float]:
+    """The lower and upper ends (N, 3) of twigs that stand on a rectangle of half sides (2,) at z = `tall`."""
+    count = int(rng.integers(18, 34))
+    foot = np.append(half, 0.0) * rng.uniform(-1, 1, (count, 3)) + [0, 0, tall]
+    lean = np.array([0.12, 0.12, 0.0]) * rng.normal(size=(count, 3))
+    tip = foot + lean + rise * rng.uniform(0.5, 1.0, (count, 1)) * _UP
+    return foot, tip
+
+
+def _crooked(rng: Rng, foot: Float, tip: Float) -> Float:
+    """Paths (N, 7, 3) from foot to tip, (N, 3) each, that leave the straight line by a centimetre."""
+    t = np.linspace(0, 1, _POINTS_OF_HEDGE_TWIG)[:, None]
+    paths = foot[:, None] + t * (tip - foot)[:, None]
+    inner = paths[:, 1:-1]
+    inner += rng.normal(0, 0.012, inner.shape)
+    return paths
+
+
+def _leaves_of_thicket(rng: Rng, foot: Float, tip: Float) -> tuple[Mesh, Float]:
+    """A leaf, and its poses (N, 4, 4) at all angles around the lines from foot to tip, (N, 3) each."""
+    per_twig = int(rng.integers(12, 22))
+    share = np.linspace(0.1, 1.0, per_twig)[:, None]
+    on_lines = foot[:, None] + share * (tip - foot)[:, None]
+    places = (on_lines + rng.normal(0, 0.02, on_lines.shape)).reshape(-1, 3)
+    outward = rng.normal([0.0, 0.0, 0.4], 1.0, places.shape)
+    size = rng.uniform(0.6, 1.2, len(places))
+    long = rng.uniform(0.05, 0.13)
+    leaf = blade(long, rng.uniform(0.35, 0.7) * long, 2, 0.3, 0.25)
+    return leaf, _leaf_poses(rng, places, outward, size, roll=0.8)

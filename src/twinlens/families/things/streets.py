@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -22,37 +23,27 @@ def car(rng: Rng) -> Piece:
     long, wide = rng.uniform(3.5, 4.7), rng.uniform(1.62, 1.8)
     belt, top = rng.uniform(0.85, 1.0), rng.uniform(1.38, 1.75)
     front, rear = long / 2, -long / 2
-    nose = (
-        front - rng.uniform(0.2, 0.33) * long
-    )  # where the bonnet meets the windscreen
+    # Where the bonnet meets the windscreen, and where the rear pane ends.
+    nose = front - rng.uniform(0.2, 0.33) * long
     tail = rear + rng.uniform(0.02, 0.2) * long
-    body = [
-        (rear, _CLEARANCE),
-        (front, _CLEARANCE),
-        (front, belt - 0.3),
-        (front - 0.12, belt - 0.12),
-        (nose, belt),
-        (rear + 0.1, belt),
-        (rear, belt - 0.2),
-    ]
-    cabin = [
-        (nose, belt - 0.02),
-        (nose - 0.65, top - 0.04),
-        (tail + 0.35, top - 0.04),
-        (tail + 0.02, belt - 0.02),
-    ]
-    ends = nose - 0.6, tail + 0.3
-    roof = board((ends[0] - ends[1], wide - 0.3, 0.06), (sum(ends) / 2, 0, top - 0.03))
+    body = _profile(_body_outline(long / 2, belt, nose), wide, 0.06)
+    cabin = _profile(_cabin_outline(belt, top, nose, tail), wide - 0.22, 0.04)
+    roof_front, roof_rear = nose - 0.6, tail + 0.3
+    roof = board(
+        (roof_front - roof_rear, wide - 0.3, 0.06),
+        ((roof_front + roof_rear) / 2, 0, top - 0.03),
+    )
     bumpers = [board((0.16, wide - 0.1, 0.14), (x, 0, 0.42)) for x in (rear, front)]
-    lamp, side = (0.05, 0.3, 0.12), wide / 2 - 0.24
+    side = wide / 2 - 0.24
     lamps = [
-        board(lamp, (x, y, belt - 0.36)) for x in (rear, front) for y in (-side, side)
+        board((0.05, 0.3, 0.12), (x, y, belt - 0.36))
+        for x, y in product((rear, front), (-side, side))
     ]
     tires, hubs = _wheels(wide, (rear + 0.75, front - 0.78))
     return standing(
         "car",
-        Part("body", shapes.merged([_profile(body, wide, 0.06), roof]), "lacquer"),
-        Part("panes", _profile(cabin, wide - 0.22, 0.04), "pane"),
+        Part("body", shapes.merged([body, roof]), "lacquer"),
+        Part("panes", cabin, "pane"),
         Part("bumpers", shapes.merged(bumpers), one_of(rng, ["rubber", "metal"])),
         Part("lamps", shapes.merged(lamps), "white"),
         Part("tires", tires, "rubber"),
@@ -60,15 +51,42 @@ def car(rng: Rng) -> Piece:
     )
 
 
+def _body_outline(half: float, belt: float, nose: float) -> list[tuple[float, float]]:
+    """The side view (x, z) of a car's body, from -half to half, its bonnet and boot at the height `belt`."""
+    return [
+        (-half, _CLEARANCE),
+        (half, _CLEARANCE),
+        (half, belt - 0.3),
+        (half - 0.12, belt - 0.12),
+        (nose, belt),
+        (0.1 - half, belt),
+        (-half, belt - 0.2),
+    ]
+
+
+def _cabin_outline(
+    belt: float, top: float, nose: float, tail: float
+) -> list[tuple[float, float]]:
+    """The side view (x, z) of a car's panes between its body and its roof."""
+    return [
+        (nose, belt - 0.02),
+        (nose - 0.65, top - 0.04),
+        (tail + 0.35, top - 0.04),
+        (tail + 0.02, belt - 0.02),
+    ]
+
+
 def _wheels(wide: float, axles: tuple[float, float]) -> tuple[Mesh, Mesh]:
     """The tires and hubs of four wheels at the positions of two axles along x."""
     tires, hubs = [], []
     for x in axles:
         for y in (-wide / 2 + 0.09, wide / 2 - 0.09):
-            axis = np.array([[x, y - 0.11, _WHEEL], [x, y + 0.11, _WHEEL]])
-            tires.append(rod(axis[0], axis[1], _WHEEL))
-            axis[:, 1] += [-0.005, 0.005]
-            hubs.append(rod(axis[0], axis[1], 0.6 * _WHEEL))
+            inner = np.array([x, y - 0.11, _WHEEL])
+            outer = np.array([x, y + 0.11, _WHEEL])
+            tires.append(rod(inner, outer, _WHEEL))
+            # A hub is a little longer than its tire.
+            more = np.array([0, 0.005, 0])
+            hubs.append(rod(inner - more, outer + more, 0.6 * _WHEEL))
     return shapes.merged(tires), shapes.merged(hubs)
 
 
@@ -77,10 +95,10 @@ def _profile(outline: Sequence[tuple[float, float]], wide: float, bevel: float) 
     points = np.array(outline)
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     solid = extruded(points - middle, wide, bevel=bevel).mesh
+    # Solids have extent 1.
     size = float(max(*np.ptp(points, axis=0), wide))
-    scaled = replace(
-        solid, vertices=solid.vertices * size, uv=np.asarray(solid.uv) * size
-    )
+    vertices = solid.vertices * size
+    scaled = replace(solid, vertices=vertices, uv=np.asarray(solid.uv) * size)
     # From (x, z, across) to (x, -across, z).
     upright = translation([middle[0], 0, middle[1]]) @ rotation([1, 0, 0], 90.0)
     return shapes.transformed(scaled, upright)
@@ -131,10 +149,8 @@ def road_sign(rng: Rng) -> Piece:
     turn = np.pi / 2 if corners != 4 else np.pi / 4
     angle = turn + 2 * np.pi * np.arange(corners) / corners
     outline = half * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    plate = shapes.transformed(
-        _profile([(x, z) for x, z in outline], 0.02, 0.005),
-        translation([0, -0.04, tall - half]),
-    )
+    disc = _profile([(x, z) for x, z in outline], 0.02, 0.005)
+    plate = shapes.transformed(disc, translation([0, -0.04, tall - half]))
     pole = [rod([0, 0, 0], [0, 0, 0.02], 0.1), rod([0, 0, 0.01], [0, 0, tall], 0.028)]
     return standing(
         "road-sign",
@@ -148,15 +164,20 @@ def bollard(rng: Rng) -> Piece:
     tall, thick = rng.uniform(0.6, 1.0), rng.uniform(0.04, 0.09)
     parts = [rod([0, 0, 0], [0, 0, tall], thick)]
     if rng.random() < 0.5:
-        angle = np.linspace(-np.pi / 2, np.pi / 2, 9)
-        arc = 1.3 * thick * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        arc[[0, -1], 0] = 0.0
-        ball = shapes.lathe(arc, 18, smooth=False)
+        ball = _ball(1.3 * thick)
         parts.append(shapes.transformed(ball, translation([0, 0, tall + 0.8 * thick])))
     return standing(
         "bollard",
         Part("post", shapes.merged(parts), one_of(rng, ["paint", "metal", "rubber"])),
     )
+
+
+def _ball(radius: float) -> Mesh:
+    """A ball about the origin."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 9)
+    half_circle = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    half_circle[[0, -1], 0] = 0.0  # the poles are on the axis
+    return shapes.lathe(half_circle, 18, smooth=False)
 
 
 def litter_bin(rng: Rng) -> Piece:
