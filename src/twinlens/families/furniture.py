@@ -4,18 +4,23 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from twinlens.families.draws import Rng, one_of
 from twinlens.families.solids import double_sided, hard_edged
+from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.placement import rotation, translation
 from twinlens.scenes.scene import Mesh
 
 DINING_HEIGHT = 0.74  # metres
+_SEAT = 0.45  # metres, the height of a chair's seat
+_BOARD = 0.025  # metres, the thickness of a bookcase's boards
+_FOOT = 0.12  # metres, the height of a sideboard's feet
+_LEAF_STEPS = 8
 Range = tuple[float, float]
 
 
@@ -124,105 +129,147 @@ def _round_top(radius: float, thick: float, height: float) -> Mesh:
 def chair(rng: Rng) -> Piece:
     """A chair with slats or a panel as its back."""
     w, d = rng.uniform(0.42, 0.48), rng.uniform(0.42, 0.48)
-    seat, back = 0.45, rng.uniform(0.8, 0.98)  # heights
-    frame = [_legs(w, d, seat, 0.035, 0.02, False)]
-    sides = (0.02 - w / 2, w / 2 - 0.02)
-    frame += [
-        rod([x, d / 2 - 0.02, seat], [0.98 * x, d / 2 + 0.05, back], 0.017)
-        for x in sides
-    ]
-    if rng.random() < 0.5:
-        for height in np.linspace(seat + 0.12, back - 0.03, 4):
-            lean = 0.07 * (height - seat) / (back - seat)
-            middle = (0, d / 2 - 0.02 + lean, float(height))
-            frame.append(board((w - 0.06, 0.015, 0.05), middle))
-    else:
-        middle = (0, d / 2 + 0.03, back - 0.12)
-        frame.append(board((w - 0.04, 0.02, 0.3), middle, 0.008))
-    cushion = board((w, d, 0.05), (0, 0, seat + 0.02), 0.02)
+    high = rng.uniform(0.8, 0.98)  # the upper end of its back
+    legs = _legs(w, d, _SEAT, 0.035, 0.02, False)
+    back = _chair_back(w, d, high, has_slats=rng.random() < 0.5)
+    cushion = board((w, d, 0.05), (0, 0, _SEAT + 0.02), 0.02)
     material = one_of(rng, ["wood", "paint"])
     parts = (
-        ("chair", shapes.merged(frame), material),
+        ("chair", shapes.merged([legs, *back]), material),
         ("seat", cushion, one_of(rng, ["fabric", material])),
     )
-    return Piece("chair", parts, (w, d + 0.08), back)
+    return Piece("chair", parts, (w, d + 0.08), high)
+
+
+def _chair_back(w: float, d: float, high: float, has_slats: bool) -> list[Mesh]:
+    """Two posts that lean backwards, with four slats or one panel between them."""
+    foot_y, top_y = d / 2 - 0.02, d / 2 + 0.05
+    sides = (0.02 - w / 2, w / 2 - 0.02)
+    back = [rod([x, foot_y, _SEAT], [0.98 * x, top_y, high], 0.017) for x in sides]
+    if not has_slats:
+        back.append(board((w - 0.04, 0.02, 0.3), (0, d / 2 + 0.03, high - 0.12), 0.008))
+        return back
+    for height in np.linspace(_SEAT + 0.12, high - 0.03, 4).tolist():
+        lean = 0.07 * (height - _SEAT) / (high - _SEAT)
+        back.append(board((w - 0.06, 0.015, 0.05), (0, foot_y + lean, height)))
+    return back
+
+
+@dataclass(frozen=True)
+class _SofaSize:
+    """Measures of a sofa in metres: of a seat and an arm along x, heights of the back and of the seats."""
+
+    seats: int
+    seat: float
+    arm: float
+    depth: float
+    high: float
+    low: float
+
+    @property
+    def width(self) -> float:
+        return self.seats * self.seat + 2 * self.arm
 
 
 def _sofa(rng: Rng, seats: int = 0) -> Piece:
     """A sofa of 2 or 3 seats unless `seats` is given."""
-    seats = seats or int(rng.integers(2, 4))
-    seat = rng.uniform(0.58, 0.7)  # its width
-    arm = rng.uniform(0.12, 0.22)
-    depth = rng.uniform(0.8, 0.95)
-    width = seats * seat + 2 * arm
-    high, low = rng.uniform(0.72, 0.86), rng.uniform(0.4, 0.46)
-    at_back = (0, depth / 2 - 0.1, 0.5 * (high + 0.14))
+    size = _SofaSize(
+        seats=seats or int(rng.integers(2, 4)),
+        seat=rng.uniform(0.58, 0.7),
+        arm=rng.uniform(0.12, 0.22),
+        depth=rng.uniform(0.8, 0.95),
+        high=rng.uniform(0.72, 0.86),
+        low=rng.uniform(0.4, 0.46),
+    )
+    width, depth = size.width, size.depth
+    feet = _legs(0.92 * width, 0.85 * depth, 0.13, 0.05, 0.0, False)
+    parts = [
+        ("sofa", _sofa_body(size), "fabric"),
+        ("cushions", _sofa_cushions(size), "fabric"),
+        ("feet", feet, "wood"),
+    ]
+    pillows = int(rng.integers(0, 4))
+    parts += [(f"pillow-{i}", _pillow(rng, size), "pattern") for i in range(pillows)]
+    kind = "sofa" if size.seats > 1 else "armchair"
+    return Piece(kind, tuple(parts), (width, depth), size.high)
+
+
+def _sofa_body(size: _SofaSize) -> Mesh:
+    """Base, back and two arms."""
+    width, depth = size.width, size.depth
+    at_back = (0, depth / 2 - 0.1, 0.5 * (size.high + 0.14))
     body = [
         board((width, depth, 0.24), (0, 0, 0.24), 0.05),
-        board((width, 0.2, high - 0.14), at_back, 0.07),
+        board((width, 0.2, size.high - 0.14), at_back, 0.07),
     ]
     for sign in (-1, 1):
-        x = sign * (width - arm) / 2
-        body.append(board((arm, depth, 0.44), (x, 0, 0.36), 0.05))
+        x = sign * (width - size.arm) / 2
+        body.append(board((size.arm, depth, 0.44), (x, 0, 0.36), 0.05))
+    return shapes.merged(body)
+
+
+def _sofa_cushions(size: _SofaSize) -> Mesh:
+    """A cushion on each seat, and one behind it."""
+    seat, depth, high, low = size.seat, size.depth, size.high, size.low
     cushions = []
-    for i in range(seats):
-        x = (i - (seats - 1) / 2) * seat
+    for number in range(size.seats):
+        x = (number - (size.seats - 1) / 2) * seat
         on_seat = (x, -0.09, low - 0.03)
         cushions.append(board((seat - 0.015, depth - 0.22, 0.15), on_seat, 0.05))
         behind = (x, depth / 2 - 0.26, 0.5 * (high + low) + 0.02)
         cushions.append(board((seat - 0.02, 0.16, high - low), behind, 0.065))
-    parts = [
-        ("sofa", shapes.merged(body), "fabric"),
-        ("cushions", shapes.merged(cushions), "fabric"),
-        ("feet", _legs(0.92 * width, 0.85 * depth, 0.13, 0.05, 0.0, False), "wood"),
-    ]
-    for i in range(int(rng.integers(0, 4))):
-        side = rng.uniform(0.36, 0.46)
-        backwards = rotation([1, 0, 0], -rng.uniform(12, 24))
-        lean = backwards @ rotation([0, 1, 0], rng.uniform(-15, 15))
-        x = rng.uniform(-0.5, 0.5) * (width - 2 * arm - side)
-        pose = translation([x, depth / 2 - 0.43, low + 0.07 + side / 2]) @ lean
-        extents = np.array([side, 0.13, side])
-        pillow = shapes.rounded_box(extents, 0.06, 3, tile=side)
-        parts.append((f"pillow-{i}", shapes.transformed(pillow, pose), "pattern"))
-    kind = "sofa" if seats > 1 else "armchair"
-    return Piece(kind, tuple(parts), (width, depth), high)
+    return shapes.merged(cushions)
+
+
+def _pillow(rng: Rng, size: _SofaSize) -> Mesh:
+    """A pillow on a seat that leans against the back."""
+    side = rng.uniform(0.36, 0.46)
+    backwards = rotation([1, 0, 0], -rng.uniform(12, 24))
+    lean = backwards @ rotation([0, 1, 0], rng.uniform(-15, 15))
+    x = rng.uniform(-0.5, 0.5) * (size.width - 2 * size.arm - side)
+    place = [x, size.depth / 2 - 0.43, size.low + 0.07 + side / 2]
+    extents = np.array([side, 0.13, side])
+    pillow = shapes.rounded_box(extents, 0.06, 3, tile=side)
+    return shapes.transformed(pillow, translation(place) @ lean)
 
 
 def _bookcase(rng: Rng) -> Piece:
+    """A bookcase of 1.2 to 2.1 m: books on most of its shelves, the others free for objects."""
     width = rng.uniform(0.7, 1.3)
     height = rng.uniform(1.2, 2.1)
     depth = rng.uniform(0.28, 0.34)
-    thick = 0.025
-    inside = width - 2 * thick
     count = max(3, round(height / 0.36))
-    levels = np.linspace(0.05, height - thick, count + 1)
-    boards = []
-    for sign in (-1, 1):
-        side = (sign * (width - thick) / 2, 0, height / 2)
-        boards.append(board((thick, depth, height), side))
-    boards += [
-        board((inside, depth, thick), (0, 0, float(level) + thick / 2))
-        for level in levels
-    ]
-    back = (0, depth / 2 - 0.004, height / 2 + 0.02)
-    boards.append(board((inside, 0.008, height - 0.05), back))
-
+    levels = np.linspace(0.05, height - _BOARD, count + 1).tolist()
     size = (0.85 * width, 0.7 * depth)
     shelves, books = [Shelf((0.0, 0.0), height, size, 0.4)], []
     for low, high in pairwise(levels):
-        free = float(high - low) - thick
-        floor = float(low) + thick
+        free = high - low - _BOARD
+        floor = low + _BOARD
         if rng.random() < 0.3:
             shelves.append(Shelf((0.0, -0.02), floor, size, 0.85 * free))
         else:
-            books.append(_books(rng, inside, depth, floor, free))
-    parts = [
-        ("bookcase", shapes.merged(boards), one_of(rng, ["wood", "paint", "white"]))
-    ]
+            books.append(_books(rng, width - 2 * _BOARD, depth, floor, free))
+    frame = _bookcase_frame(width, depth, height, levels)
+    parts = [("bookcase", frame, one_of(rng, ["wood", "paint", "white"]))]
     if books:
         parts.append(("books", shapes.merged(books), "spines"))
     return Piece("bookcase", tuple(parts), (width, depth), height, tuple(shelves))
+
+
+def _bookcase_frame(
+    width: float, depth: float, height: float, levels: list[float]
+) -> Mesh:
+    """Two sides, a board above each of the levels, and a thin back."""
+    boards = []
+    for sign in (-1, 1):
+        side = (sign * (width - _BOARD) / 2, 0, height / 2)
+        boards.append(board((_BOARD, depth, height), side))
+    inside = width - 2 * _BOARD
+    plank = (inside, depth, _BOARD)
+    boards += [board(plank, (0, 0, level + _BOARD / 2)) for level in levels]
+    back = (0, depth / 2 - 0.004, height / 2 + 0.02)
+    boards.append(board((inside, 0.008, height - 0.05), back))
+    return shapes.merged(boards)
 
 
 def _books(rng: Rng, width: float, depth: float, low: float, free: float) -> Mesh:
@@ -243,55 +290,67 @@ def _books(rng: Rng, width: float, depth: float, low: float, free: float) -> Mes
 
 
 def _sideboard(rng: Rng) -> Piece:
+    """A low cupboard of 0.9 to 1.7 m with rows of doors or drawers."""
     width = rng.uniform(0.9, 1.7)
     depth = rng.uniform(0.38, 0.46)
     height = rng.uniform(0.6, 0.9)
-    foot = 0.12
-    body = board((width, depth, height - foot), (0, 0, 0.5 * (height + foot)), 0.012)
+    middle = (0, 0, 0.5 * (height + _FOOT))
+    body = board((width, depth, height - _FOOT), middle, 0.012)
     columns, rows = int(rng.integers(2, 5)), int(rng.integers(1, 4))
-    fronts, knobs = [], []
-    w, h = (width - 0.04) / columns, (height - foot - 0.05) / rows
-    for i in range(columns):
-        for j in range(rows):
-            x, z = (i - (columns - 1) / 2) * w, foot + 0.025 + (j + 0.5) * h
-            front = (x, -depth / 2 - 0.008, z)
-            fronts.append(board((w - 0.014, 0.02, h - 0.014), front, 0.005))
-            base, end = [x, -depth / 2 - 0.015, z], [x, -depth / 2 - 0.045, z]
-            knobs.append(rod(base, end, 0.013))
+    doors, knobs = _doors(width, depth, height, columns, rows)
     material = one_of(rng, ["wood", "paint", "white"])
     of_doors = one_of(rng, [material, material, "paint"])
     rounded = rng.random() < 0.5
-    feet = _legs(0.94 * width, 0.86 * depth, foot, 0.045, 0.0, rounded)
+    feet = _legs(0.94 * width, 0.86 * depth, _FOOT, 0.045, 0.0, rounded)
     parts = (
         ("sideboard", body, material),
-        ("doors", shapes.merged(fronts), of_doors),
-        ("knobs", shapes.merged(knobs), "metal"),
+        ("doors", doors, of_doors),
+        ("knobs", knobs, "metal"),
         ("feet", feet, "wood"),
     )
     top = Shelf((0, 0.02), height, (0.9 * width, 0.75 * depth), 0.6)
     return Piece("sideboard", parts, (width, depth + 0.06), height, (top,))
 
 
+def _doors(
+    width: float, depth: float, height: float, columns: int, rows: int
+) -> tuple[Mesh, Mesh]:
+    """The doors of a sideboard in columns and rows, and a knob on each."""
+    w = (width - 0.04) / columns
+    h = (height - _FOOT - 0.05) / rows
+    doors, knobs = [], []
+    for column, row in product(range(columns), range(rows)):
+        x = (column - (columns - 1) / 2) * w
+        z = _FOOT + 0.025 + (row + 0.5) * h
+        front = (x, -depth / 2 - 0.008, z)
+        doors.append(board((w - 0.014, 0.02, h - 0.014), front, 0.005))
+        base = [x, -depth / 2 - 0.015, z]
+        end = [x, -depth / 2 - 0.045, z]
+        knobs.append(rod(base, end, 0.013))
+    return shapes.merged(doors), shapes.merged(knobs)
+
+
 def _plant(rng: Rng) -> Piece:
-    r, tall = rng.uniform(0.13, 0.2), rng.uniform(0.24, 0.36)
-    profile = [
-        (0, 0),
-        (0.75 * r, 0),
-        (0.75 * r, 0),
-        (r, tall),
-        (r, tall),
-        (0.88 * r, tall),
-        (0.88 * r, tall),
-        (0.85 * r, tall - 0.04),
-        (0, tall - 0.03),
-    ]
-    pot = shapes.lathe(np.array(profile), 40, smooth=False)
+    """A pot with 14 to 27 long leaves that droop."""
+    radius, tall = rng.uniform(0.13, 0.2), rng.uniform(0.24, 0.36)
     count = int(rng.integers(14, 28))
     long = rng.uniform(0.45, 0.8)
     wide = rng.uniform(0.05, 0.12)
     leaves = [_leaf(rng, long, wide, tall - 0.03) for _ in range(count)]
-    parts = (("pot", pot, "glaze"), ("leaves", shapes.merged(leaves), "leaf"))
+    parts = (
+        ("pot", _pot(radius, tall), "glaze"),
+        ("leaves", shapes.merged(leaves), "leaf"),
+    )
     return Piece("plant", parts, (0.8 * long, 0.8 * long), tall + 0.9 * long)
+
+
+def _pot(radius: float, tall: float) -> Mesh:
+    """A pot that is filled to just below its rim; points that are written twice make hard edges."""
+    foot, inside = 0.75 * radius, 0.88 * radius
+    outside = [(0, 0), (foot, 0), (foot, 0), (radius, tall), (radius, tall)]
+    rim = [(inside, tall), (inside, tall)]
+    filling = [(0.85 * radius, tall - 0.04), (0, tall - 0.03)]
+    return shapes.lathe(np.array([*outside, *rim, *filling]), 40, smooth=False)
 
 
 def _leaf(rng: Rng, long: float, wide: float, base: float) -> Mesh:
@@ -300,11 +359,8 @@ def _leaf(rng: Rng, long: float, wide: float, base: float) -> Mesh:
     rise = rng.uniform(0.6, 1.35)
     droop = rng.uniform(0.6, 1.8)
     long *= rng.uniform(0.6, 1.0)
-    # The ridge, in steps of equal length at the angle `slope` above the horizon.
-    t = np.linspace(0, 1, 9)
-    slope = rise - droop * t**1.5
-    out = np.concatenate([[0], np.cumsum(np.cos(slope[:-1]))]) * long / 8
-    up = np.concatenate([[0], np.cumsum(np.sin(slope[:-1]))]) * long / 8
+    t = np.linspace(0, 1, _LEAF_STEPS + 1)
+    out, up = _ridge(rise - droop * t**1.5, long)
     ridge = np.stack([out * math.cos(turn), out * math.sin(turn), base + up], axis=-1)
 
     half = wide * np.sin(np.pi * np.clip(0.08 + 0.92 * t, 0, 1)) ** 0.8
@@ -312,16 +368,27 @@ def _leaf(rng: Rng, long: float, wide: float, base: float) -> Mesh:
     rows = np.array([-1.0, 0.0, 1.0])
     points = ridge[:, None] + half[:, None, None] * rows[:, None] * across
     points[:, 1, 2] -= 0.25 * half
+    vertices = points.reshape(-1, 3)
+    faces = shapes.grid(3, _LEAF_STEPS + 1)
+
     u, v = np.broadcast_arrays(np.array([0.0, 0.5, 1.0]) * 0.2, t[:, None])
     uv = np.stack([u, v], axis=-1).reshape(-1, 2)
-    vertices, faces = points.reshape(-1, 3), shapes.grid(3, 9)
     tangent = np.gradient(ridge, axis=0)
     normal = np.cross(np.broadcast_to(across, tangent.shape), tangent)
     normal = -normal / np.linalg.norm(normal, axis=1, keepdims=True)
     normal = np.repeat(normal, 3, axis=0)
+    # The faces turn to the side of the normals.
     if shapes.face_cross(vertices, faces).sum(axis=0) @ normal.sum(axis=0) < 0:
         faces = faces[:, ::-1]
     return double_sided(vertices, faces, normal, uv, 1e-4)
+
+
+def _ridge(slope: Float, long: float) -> tuple[Float, Float]:
+    """How far out and up a line of this length is after steps of equal length, at angles (N,) above the horizon."""
+    step = long / _LEAF_STEPS
+    out = np.cumsum(np.cos(slope[:-1]))
+    up = np.cumsum(np.sin(slope[:-1]))
+    return np.concatenate([[0], out]) * step, np.concatenate([[0], up]) * step
 
 
 def _floor_lamp(rng: Rng) -> Piece:

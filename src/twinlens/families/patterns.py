@@ -61,6 +61,8 @@ def _averaged(
             inner = 3 if n <= 160 else 2
         at = (np.arange(n * inner) + 0.5) / (n * inner)
         fine = draw(n, *np.meshgrid(at, at), rng, colors)
+        if inner == 1:
+            return fine.astype(np.float32)
         texels = fine.reshape(n, inner, n, inner, 3)
         return np.asarray(texels.mean(axis=(1, 3)), dtype=np.float32)
 
@@ -342,15 +344,22 @@ def pattern(name: str, n: int, rng: Rng, colors: Float, tile: float = 0.3) -> Im
     # their share of the variance with them.
     least, largest = _PLAIN_GRAIN if name == "plain" else _GRAIN
     strength = 5 * log_uniform(rng, least, largest) * math.sqrt(octaves / _OCTAVES)
-    grain = np.exp(np.float32(strength) * (noise_of_grain - np.float32(0.5)))
-    return np.asarray(np.clip(painted * grain[..., None], 0.01, 0.88), np.float32)
+    noise_of_grain -= np.float32(0.5)
+    noise_of_grain *= np.float32(strength)
+    grain = np.exp(noise_of_grain, out=noise_of_grain)
+    painted *= grain[..., None]
+    return np.clip(painted, 0.01, 0.88, out=painted)
 
 
 def half_size(image: Image) -> Image:
     """The image at half its size: means over 2x2 texels; an odd last row or column is dropped."""
-    h, w = (length // 2 * 2 for length in image.shape[:2])
-    blocks = image[:h, :w].reshape(h // 2, 2, w // 2, 2, -1)
-    return np.asarray(blocks.mean(axis=(1, 3)))
+    height, width = (length // 2 * 2 for length in image.shape[:2])
+    upper, lower = image[0:height:2], image[1:height:2]
+    # Sums of slices take a fifth of the time of means over short axes.
+    total = upper[:, 0:width:2] + upper[:, 1:width:2]
+    total += lower[:, 0:width:2]
+    total += lower[:, 1:width:2]
+    return np.asarray(total / 4)
 
 
 def _dot_chart(rng: Rng, n: int, accents: Float) -> Image:

@@ -42,12 +42,8 @@ def unit(
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     size = float((high - low).max())
     vertices = (mesh.vertices - (low + high) / 2) / size
-    return Solid(
-        replace(mesh, vertices=vertices),
-        upright,
-        (span[0] / size, span[1] / size),
-        around,
-    )
+    scaled_span = span[0] / size, span[1] / size
+    return Solid(replace(mesh, vertices=vertices), upright, scaled_span, around)
 
 
 def lathed(profile: ArrayLike, upright: bool = True, smooth: bool = True) -> Solid:
@@ -79,8 +75,8 @@ def extruded(
     outline: Float, height: float, hole: float = 0.0, bevel: float = 0.03
 ) -> Solid:
     """A prism with bevelled edges over an outline (N, 2), star-shaped about the origin; `hole` is a bore's radius."""
-    n = len(outline)
-    inner = outline * (1 - bevel / np.linalg.norm(outline, axis=1, keepdims=True))
+    radius = np.linalg.norm(outline, axis=1, keepdims=True)
+    inner = outline * (1 - bevel / radius)
     rings = [
         (inner, -height / 2),
         (outline, -height / 2 + bevel),
@@ -88,32 +84,49 @@ def extruded(
         (inner, height / 2),
     ]
     if hole > 0:
-        angle = np.arctan2(outline[:, 1], outline[:, 0])
-        rim = hole * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        rim = hole * _unit_circle(np.arctan2(outline[:, 1], outline[:, 0]))
         rings += [(rim, height / 2), (rim, -height / 2)]
-    vertices = np.concatenate([np.column_stack([xy, np.full(n, z)]) for xy, z in rings])
-    # Two triangles between neighbours of one ring and of the next; with a hole, the last ring meets the first.
-    index = np.arange(len(rings) * n).reshape(len(rings), n)
-    following = np.roll(index, -1, axis=1)
-    is_open = hole == 0
-    pairs = [(a, (a + 1) % len(rings)) for a in range(len(rings) - is_open)]
-    faces = [np.stack([index[a], following[a], following[b]], -1) for a, b in pairs]
-    faces += [np.stack([index[a], following[b], index[b]], -1) for a, b in pairs]
-    if is_open:
-        # A fan about the middle of each end.
+    points = [np.column_stack([xy, np.full(len(xy), z)]) for xy, z in rings]
+    vertices = np.concatenate(points)
+    index = np.arange(len(vertices)).reshape(len(rings), -1)
+    faces = _between_rings(index, is_bored=hole > 0)
+    if hole == 0:
         low, high = len(vertices), len(vertices) + 1
         vertices = np.vstack([vertices, [[0, 0, -height / 2], [0, 0, height / 2]]])
-        faces.append(np.stack([following[0], index[0], np.full(n, low)], -1))
-        faces.append(np.stack([index[-1], following[-1], np.full(n, high)], -1))
+        faces += [_fan(index[0], low)[:, [1, 0, 2]], _fan(index[-1], high)]
     return unit(box_mapped(vertices, np.concatenate(faces), 25.0), False)
+
+
+def _between_rings(index: NDArray[Any], is_bored: bool) -> list[NDArray[Any]]:
+    """Two triangles between neighbours of one ring and of the next, of vertices `index` (rings, N).
+
+    The last ring of a bored body meets the first.
+    """
+    count = len(index)
+    following = np.roll(index, -1, axis=1)
+    lower = range(count if is_bored else count - 1)
+    right, left = [], []
+    for a in lower:
+        b = (a + 1) % count
+        right.append(np.stack([index[a], following[a], following[b]], -1))
+        left.append(np.stack([index[a], following[b], index[b]], -1))
+    return [*right, *left]
+
+
+def _fan(ring: NDArray[Any], middle: int) -> NDArray[Any]:
+    """Triangles (N, 3) between the sides of a ring (N,) and the vertex `middle`, counter-clockwise as the ring is."""
+    return np.stack([ring, np.roll(ring, -1), np.full(len(ring), middle)], -1)
+
+
+def _unit_circle(angle: Float) -> Float:
+    """Points (N, 2) of the unit circle."""
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def polar(radius: Callable[[Float], Float], count: int = 120) -> Float:
     """Outline (N, 2) of a radius that depends on the angle."""
     angle = np.linspace(0, 2 * math.pi, count, endpoint=False)
-    return np.asarray(
-        radius(angle)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    )
+    return np.asarray(radius(angle)[:, None] * _unit_circle(angle))
 
 
 def box_mapped(vertices: Float, faces: NDArray[Any], smooth_deg: float) -> Mesh:
@@ -125,6 +138,7 @@ def box_mapped(vertices: Float, faces: NDArray[Any], smooth_deg: float) -> Mesh:
     unit_cross = _normalized(cross)
     corner_of, mate_of = _corner_pairs(faces)
     face, neighbour = corner_of // 3, mate_of // 3
+    # Faces that meet at a small angle are one smooth surface; each face meets itself at 0.
     cosine = np.einsum("nc,nc->n", unit_cross[face], unit_cross[neighbour])
     alike = cosine > math.cos(math.radians(max(smooth_deg, 0.1)))
     total = np.zeros((np.size(faces), 3))
@@ -160,27 +174,32 @@ def closed_grid(
     closed = np.concatenate([points, points[:, :1]], axis=1)
     if wrap_v:
         closed = np.concatenate([closed, closed[:1]], axis=0)
-    v, u = np.meshgrid(
-        np.linspace(0, 1, len(closed)), np.linspace(0, 1, columns + 1), indexing="ij"
-    )
-    vertices, faces = closed.reshape(-1, 3), shapes.grid(columns + 1, len(closed))
+    vertices = closed.reshape(-1, 3)
+    faces = shapes.grid(columns + 1, len(closed))
     cross = shapes.face_cross(vertices, faces)
     has_area = np.linalg.norm(cross, axis=1) > 1e-12  # not so at poles
-    faces, cross = faces[has_area], cross[has_area]
-    # Vertices at one place, on both sides of the seam, share a normal.
-    _, same = np.unique(np.round(vertices, 9), axis=0, return_inverse=True)
-    total = np.zeros((same.max() + 1, 3))
-    for corner in range(3):
-        np.add.at(total, same.ravel()[faces[:, corner]], cross)
-    normals = _normalized(total[same.ravel()])
-    uv = np.stack([u, v], axis=-1).reshape(-1, 2)
+    faces = faces[has_area]
+    normals = _shared_normals(vertices, faces, cross[has_area])
+    u = np.linspace(0, 1, columns + 1)
+    v = np.linspace(0, 1, len(closed))
+    uv = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
     return unit(Mesh(vertices, faces, normals, uv), False, span, around=True)
 
 
+def _shared_normals(vertices: Float, faces: NDArray[Any], cross: Float) -> Float:
+    """Normals (V, 3): means over the faces at a place. Vertices there, on both sides of the seam, share one."""
+    _, place = np.unique(np.round(vertices, 9), axis=0, return_inverse=True)
+    place = place.ravel()
+    total = np.zeros((place.max() + 1, 3))
+    for corner in range(3):
+        np.add.at(total, place[faces[:, corner]], cross)
+    return _normalized(total[place])
+
+
 def _normalized(vectors: Float) -> Float:
-    return np.asarray(
-        vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-15)
-    )
+    """Vectors (N, 3) of length 1; those of length 0 stay so."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.maximum(length, 1e-15))
 
 
 def double_sided(

@@ -9,7 +9,7 @@ places along it. Sources: Williams, Pyramidal Parametrics, SIGGRAPH 1983; McCorm
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -224,16 +224,19 @@ def _fitted(sheet: Sheet, view: Viewpoint, texel: float) -> tuple[Knots, Knots]:
     return across, along
 
 
-def _pixels_per_metre(stretch: Float) -> Float:
+def _pixels_per_metre(stretch: "_Stretch") -> Float:
     """Pixels (..., 2) of a metre along each side, for texels that are no larger than a pixel in any direction.
 
     A texel is a parallelogram in the picture. With sides of length 1 at the angle a, it has the singular values
     sqrt(1 +- cos a): along its long diagonal it is larger than along its sides.
     """
-    length = np.linalg.norm(stretch, axis=-2)
-    products = np.abs((stretch[..., 0] * stretch[..., 1]).sum(axis=-1))
-    cosine = products / np.maximum(length.prod(axis=-1), 1e-12)
-    return np.asarray(length * np.sqrt(1 + cosine)[..., None])
+    right_u, right_v, down_u, down_v = stretch
+    length_u = np.sqrt(right_u**2 + down_u**2)
+    length_v = np.sqrt(right_v**2 + down_v**2)
+    product = np.abs(right_u * right_v + down_u * down_v)
+    cosine = product / np.maximum(length_u * length_v, 1e-12)
+    longer = np.sqrt(1 + cosine)
+    return np.stack([length_u * longer, length_v * longer], axis=-1)
 
 
 def _samples(knots: Float) -> Float:
@@ -263,51 +266,72 @@ def _texel_count(needed: float) -> int:
     return int(np.clip(math.ceil(needed), _MIN_TEXELS, _MAX_TEXELS))
 
 
-def _stretch(sheet: Sheet, view: Viewpoint, s: Float, t: Float) -> Float:
-    """Pixels (..., 2) = (right, down) that a metre along each side, u and v, spans at shares s, t of them: (..., 2, 2).
+class _Stretch(NamedTuple):
+    """Pixels, rightwards and downwards, that a metre along each side, u and v, of a sheet spans: (...) each."""
+
+    right_u: Float
+    right_v: Float
+    down_u: Float
+    down_v: Float
+
+
+def _stretch(sheet: Sheet, view: Viewpoint, s: Float, t: Float) -> _Stretch:
+    """How a view stretches a sheet at shares s, t of its sides, which broadcast.
 
     The projection x / z has the derivative (dx - dz x / z) / z, in units of the focal length.
     """
     cam_from_world = view.cam_from_world[:3, :3]
-    origin = cam_from_world @ (sheet.corner - view.eye)
-    sides = np.stack([cam_from_world @ sheet.u, cam_from_world @ sheet.v], axis=-1)
-    s, t = np.broadcast_arrays(s, t)
-    point = origin + s[..., None] * sides[:, 0] + t[..., None] * sides[:, 1]
-    depth = np.maximum(point[..., 2], 1e-6)[..., None, None]
-    units = sides / sheet.lengths
-    slope = (point[..., :2, None] / depth) * units[2]
-    return np.asarray((units[:2] - slope) / (depth * view.pixel(1.0)))
+    corner = cam_from_world @ (sheet.corner - view.eye)
+    u_side, v_side = cam_from_world @ sheet.u, cam_from_world @ sheet.v
+    x, y, z = (corner[i] + s * u_side[i] + t * v_side[i] for i in range(3))
+    depth = np.maximum(z, 1e-6)
+    x_slope, y_slope = x / depth, y / depth
+    pixel = depth * view.pixel(1.0)
+    u, v = u_side / sheet.lengths[0], v_side / sheet.lengths[1]
+    return _Stretch(
+        right_u=(u[0] - x_slope * u[2]) / pixel,
+        right_v=(v[0] - x_slope * v[2]) / pixel,
+        down_u=(u[1] - y_slope * u[2]) / pixel,
+        down_v=(v[1] - y_slope * v[2]) / pixel,
+    )
 
 
 def bake(image: Image, tile: float, sheet: Sheet, view: Viewpoint) -> Image:
     """A periodic image repeated over the texels of a sheet (rows, columns, 3), filtered to the size of pixels."""
-    pyramid = [image]
-    while len(pyramid[-1]) > 2:
-        pyramid.append(half_size(pyramid[-1]))
-    packed = [_packed(level) for level in pyramid]
+    pyramid = _pyramid(image)
     t = sheet.along.shares()[::-1]  # row 0 is the top, where the share is 1
     high = sheet.along.steps()[::-1] * sheet.lengths[1]
     shares = sheet.across.shares()
     widths = sheet.across.steps() * sheet.lengths[0]
+    # Places in tiles; y runs downwards.
+    x_of_columns = shares * sheet.lengths[0] / tile
+    y_of_rows = (1 - t) * sheet.lengths[1] / tile
     baked = np.empty((len(t), sheet.across.texels, 3), dtype=np.float32)
-    for top in range(0, len(t), _BAND):
-        rows = slice(top, top + _BAND)
-        computed = _needed_columns(sheet, view, t[rows])
-        s, wide = shares[computed], widths[computed]
-        strip = _footprint(sheet, view, s, t[rows, None], (wide, high[rows, None]))
-        x = np.broadcast_to(s * sheet.lengths[0] / tile, strip.width.shape)
-        y = (1 - t[rows, None]) * sheet.lengths[1] / tile
-        y = np.broadcast_to(y, strip.width.shape)
-        values = _filtered(packed, tile, x, y, strip)
-        baked[rows] = _every_column(values, computed)
+    for band, columns in enumerate(_needed_columns(sheet, view, t)):
+        rows = slice(band * _BAND, (band + 1) * _BAND)
+        texel = widths[columns], high[rows, None]
+        strip = _footprint(sheet, view, shares[columns], t[rows, None], texel)
+        x, y = np.broadcast_arrays(x_of_columns[columns], y_of_rows[rows, None])
+        values = _filtered(pyramid, tile, x, y, strip)
+        baked[rows] = _every_column(values, columns)
     return baked
 
 
-def _needed_columns(sheet: Sheet, view: Viewpoint, t: Float) -> NDArray[np.int64]:
-    """The columns of texels (N,) to compute in rows at shares `t` of the side, among them the first and the last.
+def _pyramid(image: Image) -> list[Texels]:
+    """The image, its half size, and so on until it has at most two texels a side; all packed."""
+    levels = [image]
+    while len(levels[-1]) > 2:
+        levels.append(half_size(levels[-1]))
+    return [_packed(level) for level in levels]
 
-    Columns are as near to each other as the nearest rows need. In other rows, those that are a part of a pixel from
-    each other suffice, and fewer where nothing is seen.
+
+def _needed_columns(
+    sheet: Sheet, view: Viewpoint, t: Float
+) -> Iterator[NDArray[np.int64]]:
+    """The columns of texels (N,) to compute in each band of rows, of all rows at shares `t` of the side.
+
+    Among them are the first and the last column. Columns are as near to each other as the nearest rows of a band need.
+    In other rows, those that are a part of a pixel from each other suffice, and fewer where nothing is seen.
     """
     columns = sheet.across.texels
     ends = np.arange(0, columns + _MAX_STRIDE - 1, _MAX_STRIDE).clip(max=columns - 1)
@@ -315,13 +339,15 @@ def _needed_columns(sheet: Sheet, view: Viewpoint, t: Float) -> NDArray[np.int64
     wide = sheet.across.steps()[ends] * sheet.lengths[0]
     _, is_visible = _project(sheet, view, s, t, _SEEN)
     strip = _footprint(sheet, view, s, t[:, None], (wide, np.zeros_like(wide)))
-    in_pixel = np.where(is_visible, strip.width / wide, np.inf).min(axis=0)
-    step = np.clip(in_pixel / _COLUMNS_PER_PIXEL, 1, _MAX_STRIDE)
-    # Between two ends, the smaller step of both. A column is needed where the steps add up to the next whole number.
-    least = np.minimum(step[:-1], step[1:])
-    place = np.cumsum(np.repeat(1 / least, np.diff(ends)))
-    is_needed = np.diff(np.floor(place), prepend=-1.0) > 0
-    return np.union1d(np.flatnonzero(is_needed), [0, columns - 1])
+    in_pixel = np.where(is_visible, strip.width / wide, np.inf)
+    least_of_bands = np.minimum.reduceat(in_pixel, np.arange(0, len(t), _BAND), axis=0)
+    gaps = np.diff(ends)
+    for in_band in np.clip(least_of_bands / _COLUMNS_PER_PIXEL, 1, _MAX_STRIDE):
+        # Between two ends, the smaller step of both. A column is needed where the steps reach the next whole number.
+        step = np.minimum(in_band[:-1], in_band[1:])
+        place = np.cumsum(np.repeat(1 / step, gaps))
+        is_needed = np.diff(np.floor(place), prepend=-1.0) > 0
+        yield np.union1d(np.flatnonzero(is_needed), [0, columns - 1])
 
 
 def _every_column(values: Image, computed: NDArray[np.int64]) -> Image:
@@ -338,11 +364,21 @@ def _every_column(values: Image, computed: NDArray[np.int64]) -> Image:
 
 
 class _Strip(NamedTuple):
-    """The part of a sheet that a pixel sees: its width (...), length (...) and direction (..., 2), metres in u, v."""
+    """The part of a sheet that a pixel sees: its width and length in metres, (...) each.
+
+    skew, excess : its direction is at half the angle of (excess, skew) from u to v.
+    """
 
     width: Float
     length: Float
-    direction: Float
+    skew: Float
+    excess: Float
+
+    def across_and_along(self, chosen: Mask) -> tuple[Float, Float]:
+        """The chosen strips, from end to end, as vectors (N,) along u and v, metres."""
+        angle = 0.5 * np.arctan2(self.skew[chosen], self.excess[chosen])
+        length = self.length[chosen]
+        return np.cos(angle) * length, np.sin(angle) * length
 
 
 def _footprint(
@@ -353,22 +389,19 @@ def _footprint(
     With J the pixels a metre, a round pixel is an ellipse on the sheet, of the matrix C = (J^T J)^-1. Its axes are the
     roots of C's eigenvalues. Source: Heckbert, Fundamentals of Texture Mapping and Image Warping, 1989.
     """
-    stretch = _stretch(sheet, view, s, t)
-    right_u, right_v = stretch[..., 0, 0], stretch[..., 0, 1]
-    down_u, down_v = stretch[..., 1, 0], stretch[..., 1, 1]
+    right_u, right_v, down_u, down_v = _stretch(sheet, view, s, t)
     determinant = (right_u * down_v - right_v * down_u) ** 2
     determinant = np.maximum(determinant, 1e-12)
     # A texel that is longer than the ellipse is seen interpolated.
-    c_uu = np.maximum((right_v**2 + down_v**2) / determinant, texel[0] ** 2)
-    c_vv = np.maximum((right_u**2 + down_u**2) / determinant, texel[1] ** 2)
+    texel_u, texel_v = texel
+    c_uu = np.maximum((right_v**2 + down_v**2) / determinant, texel_u**2)
+    c_vv = np.maximum((right_u**2 + down_u**2) / determinant, texel_v**2)
     c_uv = -(right_u * right_v + down_u * down_v) / determinant
     mean, half = 0.5 * (c_uu + c_vv), 0.5 * (c_uu - c_vv)
     root = np.hypot(half, c_uv)
     largest, least = mean + root, np.maximum(mean - root, 0.0)
     # The eigenvector of the largest eigenvalue is at half the angle of (c_uu - c_vv, 2 c_uv).
-    angle = 0.5 * np.arctan2(c_uv, half)
-    direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return _Strip(np.sqrt(least), np.sqrt(largest), direction)
+    return _Strip(np.sqrt(least), np.sqrt(largest), c_uv, half)
 
 
 def _filtered(
@@ -381,52 +414,66 @@ def _filtered(
     taps = np.rint(strip.length / width).astype(np.int64).clip(1, _MAX_TAPS)
     level = np.log2(width * len(pyramid[0]) / tile).clip(0, len(pyramid) - 1.001)
     out = np.empty((*x.shape, 3), dtype=np.float32)
-    # Between strips of several places, levels need no blending.
-    level = np.where(taps == 1, level, np.rint(level))
     for count in np.flatnonzero(np.bincount(taps.ravel())):
         chosen = taps == count
-        place = np.stack([x[chosen], y[chosen]], axis=-1)
-        # Along the strip; y runs against v.
-        step = strip.direction[chosen] * [1, -1] * strip.length[chosen, None] / tile
-        total = np.zeros((len(place), 4), dtype=np.float32)
+        if count == 1:
+            values = _blended(pyramid, level[chosen], x[chosen], y[chosen])
+            out[chosen] = values[:, :3]
+            continue
+        # Between strips of several places, levels need no blending.
+        whole_level = np.rint(level[chosen]).astype(np.int64)
+        across, along = strip.across_and_along(chosen)
+        total = np.zeros((len(across), 4), dtype=np.float32)
         for offset in (np.arange(count) + 0.5) / count - 0.5:
-            total += _trilinear(pyramid, level[chosen], place + offset * step)
+            # Along the strip; y runs against v.
+            x_at = x[chosen] + offset * (across / tile)
+            y_at = y[chosen] - offset * (along / tile)
+            total += _at_levels(pyramid, whole_level, x_at, y_at)
         out[chosen] = total[:, :3] / np.float32(count)
     return out
 
 
-def _trilinear(pyramid: list[Texels], level: Float, place: Float) -> Image:
-    """Values (N, 4) at places (N, 2) = (x, y), in tiles, and levels (N,) of the pyramid, between two of its images."""
-    x, y = place.astype(np.float32).T
+def _blended(pyramid: list[Texels], level: Float, x: Float, y: Float) -> Image:
+    """Values (N, 4) at places x, y (N,), in tiles, between the two images of the pyramid nearest to levels (N,)."""
     lower = level.astype(np.int64)
+    out = _at_levels(pyramid, lower, x, y)
     fraction = (level - lower).astype(np.float32)
-    out = np.empty((len(place), 4), dtype=np.float32)
-    for number in np.flatnonzero(np.bincount(lower)):
-        here = lower == number
+    between = np.flatnonzero(fraction)
+    rough = _at_levels(pyramid, lower[between] + 1, x[between], y[between])
+    out[between] += fraction[between, None] * (rough - out[between])
+    return out
+
+
+def _at_levels(
+    pyramid: list[Texels], level: NDArray[np.int64], x: Float, y: Float
+) -> Image:
+    """Values (N, 4) at places x, y (N,), in tiles, in the images of the pyramid of levels (N,)."""
+    x, y = x.astype(np.float32), y.astype(np.float32)
+    numbers = np.flatnonzero(np.bincount(level))
+    if len(numbers) == 1:
+        return _wrapped(pyramid[numbers[0]], y, x)
+    out = np.empty((len(x), 4), dtype=np.float32)
+    for number in numbers:
+        here = np.flatnonzero(level == number)
         out[here] = _wrapped(pyramid[number], y[here], x[here])
-        here &= fraction > 0
-        if not here.any():
-            continue
-        rough = _wrapped(pyramid[number + 1], y[here], x[here])
-        out[here] += fraction[here, None] * (rough - out[here])
     return out
 
 
 def _packed(picture: Image) -> Texels:
     """A picture (n, n, 3) with a fourth channel, each texel as one number of 16 bytes: `take` is twice as fast."""
-    padded = np.concatenate([picture, np.zeros_like(picture[..., :1])], axis=-1)
-    return np.ascontiguousarray(padded).view(np.complex128)[..., 0]
+    padded = np.zeros((*picture.shape[:2], 4), dtype=np.float32)
+    padded[..., :3] = picture
+    return padded.view(np.complex128)[..., 0]
 
 
 def _wrapped(picture: Texels, y: Image, x: Image) -> Image:
     """Bilinear values (N, 4) of a packed periodic picture (n, n) at fractions y, x of its height and width."""
     n = len(picture)
-    rows, columns = y * n - np.float32(0.5), x * n - np.float32(0.5)
-    i, j = np.floor(rows).astype(np.int32), np.floor(columns).astype(np.int32)
-    fy, fx = (rows - i)[:, None], (columns - j)[:, None]
+    above, below, fy = _neighbours(y, n)
+    left, right, fx = _neighbours(x, n)
     # Offsets into the flat picture, of whole rows and of columns: `take` is twice as fast as two indices.
-    above, below = i % n * n, (i + 1) % n * n
-    left, right = j % n, (j + 1) % n
+    above *= n
+    below *= n
     flat = picture.reshape(-1)
 
     def texels_at(row: NDArray[np.int32], column: NDArray[np.int32]) -> Image:
@@ -438,6 +485,19 @@ def _wrapped(picture: Texels, y: Image, x: Image) -> Image:
     lower += fx * (texels_at(below, right) - lower)
     upper += fy * (lower - upper)
     return upper
+
+
+def _neighbours(
+    place: Image, n: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32], Float]:
+    """The texels (N,) before and after places (N,) of a periodic side of n texels, and how far between them (N, 1)."""
+    at = place * n - np.float32(0.5)
+    before = np.floor(at).astype(np.int32)
+    share = (at - before)[:, None]
+    before %= n
+    after = before + 1
+    after[after == n] = 0
+    return before, after, share
 
 
 Patterns = tuple[float, tuple[tuple[str, float], ...]]

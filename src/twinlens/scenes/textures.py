@@ -75,12 +75,14 @@ def fractal_noise(
         if fine[0] > width or fine[1] > height:
             break  # cells finer than a texel would alias
         strength = gain**octave
-        total += np.float32(strength) * (
-            value_noise(width, height, fine, seed + 7919 * octave) - np.float32(0.5)
-        )
+        noise = value_noise(width, height, fine, seed + 7919 * octave)
+        noise -= np.float32(0.5)
+        noise *= np.float32(strength)
+        total += noise
         variance += strength**2 * _SMOOTH_VARIANCE
-    scale = np.float32(0.2 * contrast / math.sqrt(variance or 1.0))
-    return np.asarray(np.clip(np.float32(0.5) + scale * total, 0, 1))
+    total *= np.float32(0.2 * contrast / math.sqrt(variance or 1.0))
+    total += np.float32(0.5)
+    return np.clip(total, 0, 1, out=total)
 
 
 def random_dots(
