@@ -448,14 +448,14 @@ def _at_levels(
     pyramid: list[Texels], level: NDArray[np.int64], x: Float, y: Float
 ) -> Image:
     """Values (N, 4) at places x, y (N,), in tiles, in the images of the pyramid of levels (N,)."""
-    x, y = x.astype(np.float32), y.astype(np.float32)
+    column, row = x.astype(np.float32), y.astype(np.float32)
     numbers = np.flatnonzero(np.bincount(level))
     if len(numbers) == 1:
-        return _wrapped(pyramid[numbers[0]], y, x)
+        return _wrapped(pyramid[numbers[0]], row, column)
     out = np.empty((len(x), 4), dtype=np.float32)
     for number in numbers:
         here = np.flatnonzero(level == number)
-        out[here] = _wrapped(pyramid[number], y[here], x[here])
+        out[here] = _wrapped(pyramid[number], row[here], column[here])
     return out
 
 

@@ -45,7 +45,8 @@ def tubes(
     if closed:
         vertices[:, -1] = vertices[:, 0]
     uv = _unrolled(centre, radii, sides)
-    faces = _faces_of_tubes(*centre.shape[:2], sides)
+    count, rows = centre.shape[:2]
+    faces = _faces_of_tubes(count, rows, sides)
     hose = Mesh(_points(vertices), faces, _points(outward), uv.reshape(-1, 2))
     if closed:
         return hose
