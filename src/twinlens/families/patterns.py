@@ -111,6 +111,7 @@ def _wood(n: int, rng: Rng, colors: Float) -> Image:
 
 
 def _planks(n: int, rng: Rng, colors: Float) -> Image:
+    """Boards along v, side by side along u; each is two pieces of half the length, with a tint of their own."""
     tones = varied(rng, one_of(rng, WOODS), 0.08)
     count = one_of(rng, [4, 5, 6])
     seed = texture_seed(rng)
@@ -120,21 +121,29 @@ def _planks(n: int, rng: Rng, colors: Float) -> Image:
     cuts = rng.random(count)
     tint = rng.normal(0, 0.13, (count, 2))
 
-    # Boards lie along v, side by side along u; each is two pieces of half the length, with a tint of their own.
     at = (np.arange(n) + 0.5) / n
     board = np.floor(at * count).astype(int)
-    shifted = np.arange(n)[:, None] + (starts[board] * n).astype(int)
-    rolled = grey[shifted % n, np.arange(n)]
+    # Each board shows another part of the wood.
+    rows = np.arange(n)[:, None] + (starts[board] * n).astype(int)
+    fibres = grey[rows % n, np.arange(n)]
     along = at[:, None] + cuts[board]
     is_upper = along % 1.0 < 0.5
     light = np.exp(np.where(is_upper, tint[board, 0], tint[board, 1]))
-
-    gap = max(0.004, 0.7 / n)
-    to_side = np.minimum(at * count % 1.0, 1 - at * count % 1.0) / count
-    is_cut = np.abs(along % 0.5 - 0.25) - 0.25 + gap / 2 > 0
-    groove = 1 - 0.65 * np.maximum(np.clip(1.5 - to_side / gap, 0, 1), is_cut)
-    painted = ramp(rolled, tones) * (light * groove)[..., None]
+    groove = 1 - 0.65 * _gaps_of_planks(n, at * count % 1.0, count, along)
+    painted = ramp(fibres, tones) * (light * groove)[..., None]
     return np.asarray(np.clip(painted, 0, 0.9), dtype=np.float32)
+
+
+def _gaps_of_planks(n: int, across: Float, count: int, along: Float) -> Float:
+    """How much (n, n) of a texel is gap: at the sides of `count` boards, and where their pieces meet.
+
+    across : shares (n,) of a board's width. along : shares (n, n) of a board's length from its first cut.
+    """
+    gap = max(0.004, 0.7 / n)
+    to_side = np.minimum(across, 1 - across) / count
+    beside = np.clip(1.5 - to_side / gap, 0, 1)
+    is_cut = np.abs(along % 0.5 - 0.25) - 0.25 + gap / 2 > 0
+    return np.asarray(np.maximum(beside, is_cut))
 
 
 def _bricks(n: int, rng: Rng, colors: Float) -> Image:
@@ -180,10 +189,12 @@ def _stripes(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     repeats = int(rng.integers(2, 6))
     along_v = rng.random() < 0.5
     # Each colour twice a period, in stripes of random widths; `edges` are their upper ends.
-    edges = np.cumsum(rng.dirichlet(np.full(2 * len(chosen), 2.0)))
-    order = np.append(np.tile(np.arange(len(chosen)), 2), 0)
+    widths = rng.dirichlet(np.full(2 * len(chosen), 2.0))
+    edges = np.cumsum(widths)
+    tone_of_stripe = np.append(np.tile(np.arange(len(chosen)), 2), 0)
     t = (v if along_v else u) * repeats % 1.0
-    return np.asarray(chosen[order[np.searchsorted(edges, t)]])
+    stripe = np.searchsorted(edges, t)
+    return np.asarray(chosen[tone_of_stripe[stripe]])
 
 
 def _gingham(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
@@ -200,9 +211,11 @@ def _dots(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     spots = rng.permutation(colors[1:])[: min(3, len(colors) - 1)]
     row = np.floor(v * cells)
     x = u * cells + 0.5 * (row % 2)  # every second row is shifted by half a cell
-    inside = np.hypot(x % 1.0 - 0.5, v * cells % 1.0 - 0.5) < radius
-    spot = spots[((np.floor(x) % cells + row) % len(spots)).astype(int)]
-    return np.asarray(np.where(inside[..., None], spot, colors[0]))
+    from_middle = np.hypot(x % 1.0 - 0.5, v * cells % 1.0 - 0.5)
+    column = np.floor(x) % cells
+    tone = ((column + row) % len(spots)).astype(int)
+    is_spot = (from_middle < radius)[..., None]
+    return np.asarray(np.where(is_spot, spots[tone], colors[0]))
 
 
 def _chips(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
@@ -212,9 +225,11 @@ def _chips(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     tones = varied(rng, colors[rng.integers(len(colors), size=count)], 0.1)
     reach = 0.42 / math.sqrt(count)
     nearest, second, index = _two_nearest(centres, u, v)
-    inside = (nearest < reach * size[index]) & (second - nearest > 0.25 * reach)
+    is_near = nearest < reach * size[index]
+    is_off_border = second - nearest > 0.25 * reach
+    is_chip = (is_near & is_off_border)[..., None]
     ground = 0.3 * colors[-1] + 0.45
-    return np.asarray(np.where(inside[..., None], tones[index], ground))
+    return np.asarray(np.where(is_chip, tones[index], ground))
 
 
 def _two_nearest(centres: Float, u: Float, v: Float) -> tuple[Float, Float, Any]:
@@ -232,33 +247,35 @@ def _mosaic(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     centres = rng.random((count, 2))
     tones = varied(rng, colors[rng.integers(len(colors), size=count)], 0.1)
     nearest, second, index = _two_nearest(centres, u, v)
-    tile = second - nearest > 0.09 / math.sqrt(count)
-    return np.asarray(np.where(tile[..., None], tones[index], np.full(3, 0.55)))
+    joint = np.full(3, 0.55)
+    is_tile = (second - nearest > 0.09 / math.sqrt(count))[..., None]
+    return np.asarray(np.where(is_tile, tones[index], joint))
 
 
 def _tiles(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     cells = one_of(rng, [4, 6, 8])
-    width = max(0.035, 1.2 * cells / n)
-    chosen = colors[np.where(rng.random((cells, cells)) < rng.uniform(0, 0.5), 1, 0)]
+    width = max(0.035, 1.2 * cells / n)  # of a joint, in tiles
+    is_other = rng.random((cells, cells)) < rng.uniform(0, 0.5)
     if rng.random() < 0.4:
-        chosen = colors[np.add.outer(np.arange(cells), np.arange(cells)) % 2]
-    chosen = chosen * np.exp(rng.normal(0, 0.07, (cells, cells, 1)))
+        is_other = np.add.outer(np.arange(cells), np.arange(cells)) % 2 == 1
+    light = np.exp(rng.normal(0, 0.07, (cells, cells, 1)))
+    tiles = colors[is_other.astype(int)] * light
     x, y = u * cells, v * cells
-    upright = np.abs(x % 1.0 - 0.5) > 0.5 - width / 2
-    level = np.abs(y % 1.0 - 0.5) > 0.5 - width / 2
-    joint = upright | level
-    tile = chosen[y.astype(int), x.astype(int)]
-    return np.asarray(np.where(joint[..., None], 0.5, tile))
+    is_upright_joint = np.abs(x % 1.0 - 0.5) > 0.5 - width / 2
+    is_level_joint = np.abs(y % 1.0 - 0.5) > 0.5 - width / 2
+    is_joint = (is_upright_joint | is_level_joint)[..., None]
+    return np.asarray(np.where(is_joint, 0.5, tiles[y.astype(int), x.astype(int)]))
 
 
 def _triangles(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     cells = one_of(rng, [4, 6, 8])
     tone = rng.integers(len(colors), size=(cells, cells, 2))
     slope = rng.integers(2, size=(cells, cells))
-    i, j = (v * cells).astype(int), (u * cells).astype(int)
+    row, column = (v * cells).astype(int), (u * cells).astype(int)
     x, y = u * cells % 1.0, v * cells % 1.0
-    half = np.where(slope[i, j] == 0, x > y, x + y > 1).astype(int)
-    return np.asarray(colors[tone[i, j, half]])
+    # Each square is cut along one of its diagonals.
+    is_right = np.where(slope[row, column] == 0, x > y, x + y > 1)
+    return np.asarray(colors[tone[row, column, is_right.astype(int)]])
 
 
 def _zigzag(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
@@ -267,40 +284,58 @@ def _zigzag(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     across = int(rng.integers(2, 6))
     bands = int(rng.integers(1, 3))
     height = rng.uniform(0.1, 0.3)
-    t = v * bands + height * np.abs(2 * (u * across % 1.0) - 1)
-    return np.asarray(chosen[(t * len(chosen) % len(chosen)).astype(int)])
+    rise = height * np.abs(2 * (u * across % 1.0) - 1)
+    t = v * bands + rise
+    tone = t * len(chosen) % len(chosen)
+    return np.asarray(chosen[tone.astype(int)])
 
 
 def _scales(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     """Overlapping fans of concentric rings (seigaiha)."""
     cells = one_of(rng, [4, 6])
     best = np.full(u.shape, -1)
+    rows_of_fans = v * 2 * cells
     for row in range(3, -1, -1):  # the lowest fans are drawn last, over the others
-        base = np.floor(v * 2 * cells) + row - 1
+        base = np.floor(rows_of_fans) + row - 1
         x = u * cells + 0.5 * (base % 2)
-        r = np.hypot(x % 1.0 - 0.5, (v * 2 * cells - base - 1) / 2 * 1.0)
-        ring = np.clip((1 - r / 0.56) * 4, -1, 3.99)
-        best = np.where(r < 0.56, ring.astype(int), best)
-    return np.asarray(np.where((best % 2 == 0)[..., None], colors[1], colors[0]))
+        radius = np.hypot(x % 1.0 - 0.5, (rows_of_fans - base - 1) / 2)
+        ring = np.clip((1 - radius / 0.56) * 4, -1, 3.99)
+        best = np.where(radius < 0.56, ring.astype(int), best)
+    is_even = (best % 2 == 0)[..., None]
+    return np.asarray(np.where(is_even, colors[1], colors[0]))
 
 
 def _art(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
+    """Discs, bars and rings of random places and sizes, one over the other."""
     out = np.broadcast_to(colors[0], (*u.shape, 3)).copy()
     for _ in range(int(rng.integers(5, 12))):
-        kind = int(rng.integers(3))
+        shape = one_of(rng, (_disc, _bar, _ring))
         x, y = rng.random(2)
         size = rng.uniform(0.06, 0.3)
         angle = rng.uniform(0, math.pi)
         tone = int(rng.integers(1, len(colors)))
-        dx, dy = (u - x + 0.5) % 1.0 - 0.5, (v - y + 0.5) % 1.0 - 0.5
-        r = np.hypot(dx, dy)
-        along = dx * math.cos(angle) + dy * math.sin(angle)
-        across = dy * math.cos(angle) - dx * math.sin(angle)
-        disc = r < size
-        bar = (np.abs(along) < min(1.4 * size, 0.35)) & (np.abs(across) < 0.22 * size)
-        ring = np.abs(r - size) < 0.18 * size
-        out[(disc, bar, ring)[kind]] = colors[tone]
+        dx = (u - x + 0.5) % 1.0 - 0.5
+        dy = (v - y + 0.5) % 1.0 - 0.5
+        out[shape(dx, dy, size, angle)] = colors[tone]
     return out
+
+
+def _disc(dx: Float, dy: Float, size: float, angle: float) -> Any:
+    """Whether places at dx, dy from its middle are in a disc."""
+    return np.hypot(dx, dy) < size
+
+
+def _ring(dx: Float, dy: Float, size: float, angle: float) -> Any:
+    """Whether places at dx, dy from its middle are in a ring."""
+    return np.abs(np.hypot(dx, dy) - size) < 0.18 * size
+
+
+def _bar(dx: Float, dy: Float, size: float, angle: float) -> Any:
+    """Whether places at dx, dy from its middle are in a bar at an angle from u."""
+    along = dx * math.cos(angle) + dy * math.sin(angle)
+    across = dy * math.cos(angle) - dx * math.sin(angle)
+    is_within_length = np.abs(along) < min(1.4 * size, 0.35)
+    return is_within_length & (np.abs(across) < 0.22 * size)
 
 
 _SMOOTH = (_marble, _granite, _wood, _planks, _bricks, _camouflage, _speckled, _weave)
@@ -332,23 +367,25 @@ def pattern(name: str, n: int, rng: Rng, colors: Float, tile: float = 0.3) -> Im
     Octaves of grain that are finer than a texel are left out; the contrast of the others does not depend on n.
     """
     painted = PATTERNS[name](n, rng, colors)
+    painted *= _grain(name, n, rng, tile)[..., None]
+    return np.clip(painted, 0.01, 0.88, out=painted)
+
+
+def _grain(name: str, n: int, rng: Rng, tile: float) -> Image:
+    """Factors (n, n) of the reflectance, of mean near 1: the grain of a surface with this pattern."""
     across = max(3, round(tile / _COARSEST))
     is_wood = name in ("wood", "planks")
     along = max(1, across // 8) if is_wood else across  # fibres are along v
     octaves = int(np.clip(math.log2(n / across) + 1, 0, _OCTAVES))
-    cells = across, along
-    noise_of_grain = textures.fractal_noise(
-        n, n, cells, texture_seed(rng), octaves, 1.0
-    )
+    seed = texture_seed(rng)
+    grain = textures.fractal_noise(n, n, (across, along), seed, octaves, 1.0)
     # Noise has a deviation of 1/5. Octaves of equal contrast add in quadrature, so those that are left out take
     # their share of the variance with them.
     least, largest = _PLAIN_GRAIN if name == "plain" else _GRAIN
     strength = 5 * log_uniform(rng, least, largest) * math.sqrt(octaves / _OCTAVES)
-    noise_of_grain -= np.float32(0.5)
-    noise_of_grain *= np.float32(strength)
-    grain = np.exp(noise_of_grain, out=noise_of_grain)
-    painted *= grain[..., None]
-    return np.clip(painted, 0.01, 0.88, out=painted)
+    grain -= np.float32(0.5)
+    grain *= np.float32(strength)
+    return np.exp(grain, out=grain)
 
 
 def half_size(image: Image) -> Image:
@@ -364,9 +401,11 @@ def half_size(image: Image) -> Image:
 
 def _dot_chart(rng: Rng, n: int, accents: Float) -> Image:
     cells = int(rng.integers(5, max(6, min(11, n // 6))))
+    # Places from the middle of a cell, three to a texel.
     at = (np.arange(n * 3) + 0.5) / (n * 3) * cells % 1.0 - 0.5
-    outside = np.hypot(at[:, None], at) > 0.3
-    return ramp(outside.reshape(n, 3, n, 3).mean(axis=(1, 3)), _PAPER)
+    is_paper = np.hypot(at[:, None], at) > 0.3
+    in_texel = is_paper.reshape(n, 3, n, 3)
+    return ramp(in_texel.mean(axis=(1, 3)), _PAPER)
 
 
 def _bars(rng: Rng, n: int, accents: Float) -> Image:
@@ -374,21 +413,24 @@ def _bars(rng: Rng, n: int, accents: Float) -> Image:
     # A chirp: the phase of 3 periods a width at u = 0, and of `most` at u = 1.
     most = min(n / 5, 28)
     phase = 3 * u + 0.5 * (most - 3) * u**2
-    line = (phase % 1.0 < 0.5).reshape(n, 4).mean(axis=1)
-    grey = np.broadcast_to(line, (n, n))
-    return ramp(grey if rng.random() < 0.5 else grey.T, _PAPER)
+    is_paper = phase % 1.0 < 0.5
+    line = is_paper.reshape(n, 4).mean(axis=1)
+    upright = np.broadcast_to(line, (n, n))
+    grey = upright if rng.random() < 0.5 else upright.T
+    return ramp(grey, _PAPER)
 
 
 def _color_checker(rng: Rng, n: int, accents: Float) -> Image:
     columns, rows = 6, 4
-    tones = varied(rng, np.vstack([accents] * 4)[:24], 0.25).reshape(rows, columns, 3)
-    tones[-1] = np.linspace(0.03, 0.8, columns)[:, None]
+    repeated = np.vstack([accents] * 4)[: rows * columns]
+    tones = varied(rng, repeated, 0.25).reshape(rows, columns, 3)
+    tones[-1] = np.linspace(0.03, 0.8, columns)[:, None]  # greys
     at = (np.arange(n) + 0.5) / n
-    i, j = (at * rows).astype(int), (at * columns).astype(int)
+    row, column = (at * rows).astype(int), (at * columns).astype(int)
     in_row = np.abs(at * rows % 1 - 0.5) < 0.42
     in_column = np.abs(at * columns % 1 - 0.5) < 0.42
-    inside = in_row[:, None] & in_column
-    return np.where(inside[..., None], tones[i][:, j], 0.02).astype(np.float32)
+    is_patch = (in_row[:, None] & in_column)[..., None]
+    return np.where(is_patch, tones[row][:, column], 0.02).astype(np.float32)
 
 
 def _random_squares(rng: Rng, n: int, accents: Float) -> Image:
