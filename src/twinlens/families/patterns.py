@@ -391,8 +391,12 @@ def _grain(name: str, n: int, rng: Rng, tile: float) -> Image:
 def half_size(image: Image) -> Image:
     """The image at half its size: means over 2x2 texels; an odd last row or column is dropped."""
     height, width = (length // 2 * 2 for length in image.shape[:2])
-    upper, lower = image[0:height:2], image[1:height:2]
+    if not image.flags.c_contiguous:
+        # Means sum in the order of memory, so the sums below would differ in the last bit.
+        blocks = image[:height, :width].reshape(height // 2, 2, width // 2, 2, -1)
+        return np.asarray(blocks.mean(axis=(1, 3)))
     # Sums of slices take a fifth of the time of means over short axes.
+    upper, lower = image[0:height:2], image[1:height:2]
     total = upper[:, 0:width:2] + upper[:, 1:width:2]
     total += lower[:, 0:width:2]
     total += lower[:, 1:width:2]
