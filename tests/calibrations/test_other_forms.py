@@ -242,3 +242,40 @@ def test_a_camera_of_our_own_file_has_no_unknown_key(tmp_path):
         wrong.write_text(text.replace(old, new))
         with pytest.raises(InputError, match=says):
             read_rig(wrong)
+
+
+@pytest.mark.parametrize("shape", [(3, 1), (1, 3)])
+@pytest.mark.parametrize("ending", ["yml", "xml", "json"])
+@pytest.mark.parametrize("degrees", [[0.6, -2.5, 1.1], [0, 0, 0], [0, 179.9, 0]])
+def test_a_rotation_vector_of_opencv(tmp_path, degrees, ending, shape):
+    vector = np.radians(degrees)
+    size = {"image_width": 640, "image_height": 480}
+    both = {
+        name: tl.read_rig(
+            opencv_file(tmp_path / f"{name}.{ending}", **intrinsics(), **size, R=R, T=SHIFT[:, None])
+        ).rig
+        for name, R in (("vector", vector.reshape(shape)), ("matrix", cv2.Rodrigues(vector)[0]))
+    }  # fmt: skip
+    same(both["matrix"], both["vector"])
+
+
+def test_a_rotation_vector_in_degrees_is_refused(tmp_path):
+    size = {"image_width": 640, "image_height": 480}
+    turned = {"R": np.array([[0.6, -20.0, 1.1]]), "T": SHIFT[:, None]}
+    path = opencv_file(tmp_path / "s.yml", **intrinsics(), **size, **turned)
+    with pytest.raises(FileError, match=r"R of three numbers .* radians, got .* 20"):
+        read_rig(path)
+
+
+@pytest.mark.parametrize("ending", ["yml", "xml", "json"])
+def test_packed_files_of_opencv(tmp_path, ending):
+    """cv2 packs a file whose name ends in .gz."""
+    size = {"image_width": 640, "image_height": 480}
+    path = opencv_file(tmp_path / f"s.{ending}.gz", **intrinsics(), **size, **MOVED)
+    assert path.read_bytes()[:2] == b"\x1f\x8b"
+    same(PAIR, read_rig(path).rig)
+    for damage in (path.read_bytes()[:-20], b"", b"M1: 1", path.read_bytes()[:9]):
+        path.write_bytes(damage)
+        with pytest.raises(FileError, match=rf"s\.{ending}\.gz: ") as caught:
+            read_rig(path)
+        assert "\n" not in str(caught.value)

@@ -30,9 +30,10 @@ from twinlens.camera import Rig
 from twinlens.errors import FileError, InputError
 
 COLMAP_FILES = ("cameras.txt", "images.txt")
+COLMAP_BINARY_FILES = ("cameras.bin", "images.bin")
 FORMS = (
     "OpenCV's stereo files (YAML, XML, JSON), ROS camera_info of both cameras, Kalibr's camchain, "
-    "EuRoC's sensor.yaml of both cameras, COLMAP's cameras.txt with images.txt, transforms.json, "
+    "EuRoC's sensor.yaml of both cameras, COLMAP's cameras.txt with images.txt (or .bin), transforms.json, "
     "Middlebury's calib.txt"
 )
 """What `read_rig` reads."""
@@ -57,9 +58,9 @@ def read_rig(
     """The rig in a calibration file of another program, or in two files that belong together.
 
     paths : one file; or two: intrinsics and extrinsics of OpenCV, left and right camera_info of ROS or sensor.yaml of
-        EuRoC, cameras.txt and images.txt of COLMAP. A folder stands for the two of COLMAP in it. A .toml file is a
-        rig's file of ours that needs no scene: that of `write_rig`, or one that names a calibration file, with its
-        length unit, size and model.
+        EuRoC, cameras.txt and images.txt of COLMAP, or its cameras.bin and images.bin. A folder stands for the two of
+        COLMAP in it. A .toml file is a rig's file of ours that needs no scene: that of `write_rig`, or one that names a
+        calibration file, with its length unit, size and model.
     length_unit : of the file's lengths. Those of a calib.txt are millimetres by its format.
     size : (width, height) of the images, for a file of OpenCV or a transforms.json without it.
     fisheye : whether an OpenCV file, which does not state it, has the coefficients of `cv2.fisheye`.
@@ -96,9 +97,12 @@ def read_rig(
 
 
 def calibration_files(path: Path) -> list[Path]:
-    """The files that `path` stands for: those of COLMAP's text model for its folder, or else the path itself."""
+    """The files that `path` stands for: those of COLMAP's model for its folder, or else the path itself."""
     if not path.is_dir():
         return [path]
+    binary = [path / name for name in COLMAP_BINARY_FILES]
+    if not (path / COLMAP_FILES[0]).is_file() and binary[0].is_file():
+        return binary
     files = [path / name for name in COLMAP_FILES]
     if missing := [file.name for file in files if not file.is_file()]:
         raise FileError(
@@ -113,12 +117,9 @@ def _read(
     files: Sequence[Path], size: tuple[int, int] | None, fisheye: bool
 ) -> NamedRig:
     first = files[0]
-    if first.name in COLMAP_FILES:
-        if sorted(file.name for file in files) != sorted(COLMAP_FILES):
-            raise FileError(f"{first}: COLMAP's cameras.txt and images.txt go together")
-        if len({file.parent for file in files}) > 1:
-            raise FileError(f"{first}: cameras.txt and images.txt are in two folders")
-        return read_colmap(first.parent)
+    for pair in (COLMAP_FILES, COLMAP_BINARY_FILES):
+        if first.name in pair:
+            return _read_colmap(files, pair)
     if first.suffix.lower() == ".toml":
         return NamedRig(*read_own(first))
     if is_calib(read_text(first)):
@@ -146,6 +147,16 @@ def _read_calib(path: Path) -> NamedRig:
     return NamedRig(
         calibration.rig(), ("cam0", "cam1"), has_unit=True, ndisp=calibration.ndisp
     )
+
+
+def _read_colmap(files: Sequence[Path], pair: tuple[str, str]) -> NamedRig:
+    """The rig of the two files of COLMAP."""
+    first, both = files[0], " and ".join(pair)
+    if sorted(file.name for file in files) != sorted(pair):
+        raise FileError(f"{first}: COLMAP's {both} go together")
+    if len({file.parent for file in files}) > 1:
+        raise FileError(f"{first}: {both} are in two folders")
+    return read_colmap(first.parent, binary=pair == COLMAP_BINARY_FILES)
 
 
 def _only(files: Sequence[Path]) -> Path:

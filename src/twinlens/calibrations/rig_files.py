@@ -1,6 +1,6 @@
 """Rigs in the files of COLMAP, NeRF programs, OpenCV, ROS and Kalibr, with axes and pixel conventions converted.
 
-COLMAP's text model has no length unit: metres are assumed. The ``transform_matrix`` of NeRF's transforms.json is
+COLMAP's model has no length unit: metres are assumed. The ``transform_matrix`` of NeRF's transforms.json is
 world_from_cam with OpenGL's camera axes (x right, y up, z backward). Both count pixels from the image's corner: cx and
 cy are larger by 0.5. OpenCV's YAML has the names of its stereo calibration sample, ``M1 D1 M2 D2 R T`` (first to second
 camera, metres), and ours: ``size1`` ([width, height]) and ``fisheye1`` (1 for the Kannala-Brandt model), the same for
@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from twinlens.calibrations.colmap_binary import binary_cameras, binary_images
 from twinlens.calibrations.storages import (
     matrix,
     number,
@@ -83,10 +84,35 @@ class NamedRig:
     ndisp: int | None = None
 
 
-def read_colmap(folder: FilePath) -> NamedRig:
-    """The rig of a model's images, in the order of their ids. Raises FileError."""
+def read_colmap(folder: FilePath, binary: bool | None = None) -> NamedRig:
+    """The rig of a model's images, in the order of their ids.
+
+    binary : whether to read cameras.bin and images.bin; None is where there is no cameras.txt. Raises FileError.
+    """
+    folder = Path(folder)
+    if binary is None:
+        has_text = (folder / "cameras.txt").exists()
+        binary = not has_text and (folder / "cameras.bin").exists()
+    if binary:
+        cameras_path, path = folder / "cameras.bin", folder / "images.bin"
+        cameras, unordered = _binary_cameras(cameras_path), _binary_images(path)
+    else:
+        cameras_path, path = folder / "cameras.txt", folder / "images.txt"
+        cameras, unordered = _text_cameras(cameras_path), _text_images(path)
+    images = sorted(unordered, key=lambda image: image[0])
+    if not images:
+        raise FileError(f"{path}: has no images")
+    _, used, names, poses = zip(*images, strict=True)
+    if missing := [camera for camera in used if camera not in cameras]:
+        raise FileError(
+            f"{path}: refers to camera {missing[0]}, which {cameras_path.name} does not have"
+        )
+    return NamedRig(Rig([cameras[camera] for camera in used], poses), names)
+
+
+def _text_cameras(path: Path) -> dict[int, Camera]:
+    """The cameras of cameras.txt by their ids."""
     cameras: dict[int, Camera] = {}
-    path = Path(folder) / "cameras.txt"
     for line_number, line in _lines(path):
         words = line.split()
         try:
@@ -99,16 +125,27 @@ def read_colmap(folder: FilePath) -> NamedRig:
             raise FileError(
                 f"{path}: line {line_number} must read ID MODEL WIDTH HEIGHT PARAMS: {error}"
             ) from None
-    path = Path(folder) / "images.txt"
-    images = sorted(_colmap_images(path), key=lambda image: image[0])
-    if not images:
-        raise FileError(f"{path}: has no images")
-    _, used, names, poses = zip(*images, strict=True)
-    if missing := [camera for camera in used if camera not in cameras]:
-        raise FileError(
-            f"{path}: refers to camera {missing[0]}, which cameras.txt does not have"
-        )
-    return NamedRig(Rig([cameras[camera] for camera in used], poses), names)
+    return cameras
+
+
+def _binary_cameras(path: Path) -> dict[int, Camera]:
+    """The cameras of cameras.bin by their ids."""
+    cameras: dict[int, Camera] = {}
+    for identity, model, width, height, values in binary_cameras(path, COLMAP_MODELS):
+        try:
+            cameras[identity] = _colmap_camera(model, width, height, values)
+        except ValueError as error:
+            raise FileError(f"{path}: camera {identity}: {error}") from None
+    return cameras
+
+
+def _binary_images(path: Path) -> Iterator[tuple[int, int, str, Float]]:
+    """(id, camera id, name, world_from_cam) of each image of images.bin."""
+    for identity, camera, name, pose in binary_images(path):
+        try:
+            yield identity, camera, name, _colmap_pose(pose)
+        except ValueError as error:
+            raise FileError(f"{path}: image {identity}: {error}") from None
 
 
 def read_transforms(path: FilePath, size: tuple[int, int] | None = None) -> NamedRig:
@@ -164,8 +201,8 @@ def read_opencv(
     fisheye : whether the coefficients are those of `cv2.fisheye`, which a file of OpenCV does not state.
 
     Camera matrices are named M1, K1 or cameraMatrix1, coefficients D1 or distCoeffs1, and the same of camera 2. T is in
-    metres. A rotation of few digits is made orthonormal as far as its digits explain (`geometry.check_rigid`). Raises
-    FileError.
+    metres. R is a matrix or a rotation vector of `cv2.Rodrigues`, three radians. A matrix of few digits is made
+    orthonormal as far as its digits explain (`geometry.check_rigid`). Raises FileError.
     """
     values = read_storage(Path(path))
     if extrinsics is not None:
@@ -174,7 +211,7 @@ def read_opencv(
         pose = np.eye(4)
         if "world_from_1" in values:
             pose = matrix(values["world_from_1"], "world_from_1", 4, 4)
-        rotation = matrix(values["R"], "R", 3, 3)
+        rotation = _opencv_rotation(values["R"])
         second_from_first = rigid(rotation, matrix(values["T"], "T", 1, 3)[0])
         cameras = [_opencv_camera(values, i, size, fisheye) for i in (1, 2)]
         others = values.keys() - _OPENCV_READ - _OPENCV_NOTES
@@ -188,6 +225,22 @@ def read_opencv(
         ) from None
     except ValueError as error:
         raise FileError(f"{path}: {error}") from None
+
+
+def _opencv_rotation(value: Any) -> Float:
+    """The matrix of R (3, 3), also of a rotation vector: its axis, as long as its angle in radians.
+
+    Raises InputError, also for a vector longer than a full turn, whose unit is probably not the radian.
+    """
+    stated = numbers(value, "R")
+    if len(stated) != 3:
+        return matrix(value, "R", 3, 3)
+    angle = float(np.linalg.norm(stated))
+    if angle > 2 * math.pi:
+        raise InputError(
+            f"R of three numbers is a rotation vector in radians, got an angle of {angle:.3g}"
+        )
+    return np.asarray(Rotation.from_rotvec(stated).as_matrix())
 
 
 def read_ros(left: FilePath, right: FilePath) -> Rig:
@@ -312,7 +365,7 @@ def _colmap_camera(model: str, width: int, height: int, numbers: list[float]) ->
     )
 
 
-def _colmap_images(path: Path) -> Iterator[tuple[int, int, str, Float]]:
+def _text_images(path: Path) -> Iterator[tuple[int, int, str, Float]]:
     """(id, camera id, name, world_from_cam) of each image; every second line has its 2D points and may be empty."""
     lines = list(_lines(path))
     while lines and not lines[-1][1].strip():
@@ -320,19 +373,20 @@ def _colmap_images(path: Path) -> Iterator[tuple[int, int, str, Float]]:
     for line_number, line in lines[::2]:
         words = line.split(maxsplit=9)
         try:
-            w, x, y, z, *shift = (float(word) for word in words[1:8])
-            rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
-            yield (
-                int(words[0]),
-                int(words[8]),
-                words[9].strip(),
-                inverse(rigid(rotation, shift)),
-            )
+            pose = _colmap_pose([float(word) for word in words[1:8]])
+            yield int(words[0]), int(words[8]), words[9].strip(), pose
         except (ValueError, IndexError) as error:
             form = "ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
             raise FileError(
                 f"{path}: line {line_number} must read {form}: {error}"
             ) from None
+
+
+def _colmap_pose(numbers: list[float]) -> Float:
+    """world_from_cam of QW QX QY QZ TX TY TZ, which are of cam_from_world. Raises ValueError."""
+    w, x, y, z, *shift = numbers
+    rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
+    return inverse(rigid(rotation, shift))
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:

@@ -5,9 +5,11 @@ documentation of FileStorage and `modules/core/src/persistence_*.cpp`, whose YAM
 matrix follows, and writes .Nan and .Inf.
 """
 
+import gzip
 import itertools
 import json
 import re
+import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -51,14 +53,20 @@ _Loader.add_multi_constructor("", _without_tag)
 
 
 def read_text(path: Path) -> str:
-    """The content of a UTF-8 file, without a byte order mark. Raises FileError that names it."""
+    """The content of a UTF-8 file, without a byte order mark. Raises FileError that names it.
+
+    A file whose name ends in .gz is unpacked, as OpenCV's FileStorage writes it.
+    """
     try:
+        if path.suffix.lower() == ".gz":
+            with gzip.open(path) as packed:
+                return packed.read(_MOST_CHARACTERS + 1).decode("utf-8-sig")
         return path.read_text("utf-8-sig")
     except FileNotFoundError:
         raise FileError(f"{path}: no such file{file_hint(path)}") from None
     except UnicodeDecodeError:
         raise FileError(f"{path}: not a text file") from None
-    except (OSError, ValueError) as error:
+    except (OSError, EOFError, zlib.error, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise FileError(f"{path}: cannot be read ({reason})") from None
 
