@@ -1,12 +1,19 @@
-"""The kind of a picture, and PNG pictures of 16 bits per channel, which Pillow reads with 8 unless they are grey.
+"""The kind of a picture, and its stored values: Pillow reads 16 bits per channel of PNG with 8 unless they are grey.
 
-Source: PNG specification, 3rd ed., W3C 2025, chapters 7.2 (byte order) and 11.2.1 (IHDR).
+Sources: PNG specification, 3rd ed., W3C 2025, chapters 7.2 (byte order) and 11.2.1 (IHDR); Truevision TGA file format
+specification, version 2.0, 1991.
 """
 
 import io
+import os
 import re
 import struct
+import threading
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, redirect_stdout
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +25,21 @@ _FIRST_BYTES = {
     "JPEG": re.compile(rb"\xff\xd8\xff"),
     "WEBP": re.compile(rb"RIFF.{4}WEBP", re.DOTALL),
     "BMP": re.compile(rb"BM"),
+    "TIFF": re.compile(rb"II[*+]\0|MM\0[*+]"),
+    # A .tga file has no mark: palette or none, one of six types, and bits per pixel. It is the last to be tried.
+    "TGA": re.compile(
+        rb".[\x00\x01][\x01-\x03\x09-\x0b].{13}[\x08\x0f\x10\x18\x20]", re.DOTALL
+    ),
 }
 _GREY, _RGB, _GREY_ALPHA, _RGB_ALPHA = 0, 2, 4, 6
+_SILENCING = threading.Lock()
+_BITS_PER_SAMPLE = 258  # a tag of TIFF
 _COLOUR = slice(24, 26)  # bits per channel and colour type of IHDR
 _CHECKED, _CHECKSUM = slice(12, 29), slice(29, 33)
 
 
 def kind_of_picture(data: bytes) -> str | None:
-    """The kind of a picture by its first bytes, as Pillow names it: PNG, JPEG, WEBP or BMP; None for others."""
+    """The kind of a picture by its first bytes, as Pillow names it, such as PNG or TIFF; None for others."""
     kinds = (kind for kind, start in _FIRST_BYTES.items() if start.match(data))
     return next(kinds, None)
 
@@ -33,6 +47,59 @@ def kind_of_picture(data: bytes) -> str | None:
 def has_sixteen_bits(png: bytes) -> bool:
     """Whether a file is a PNG picture of 16 bits per channel."""
     return png.startswith(_SIGNATURE) and png[24:25] == b"\x10"
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """Discard what libraries print about damaged pictures, to sys.stdout and to file descriptor 2."""
+    with _SILENCING, Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere):
+        stderr = os.dup(2)
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
+
+
+@contextmanager
+def opened(data: bytes, kind: str) -> Iterator[Any]:
+    """The picture of Pillow of a kind. What libtiff prints is discarded, and so would be a warning in the meantime."""
+    with (
+        silent() if kind == "TIFF" else nullcontext(),
+        Image.open(io.BytesIO(data), formats=[kind]) as image,
+    ):
+        yield image
+
+
+def stored_values(
+    image: Any, data: bytes, mode: str
+) -> NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]:
+    """The values (H, W, C) of a picture that Pillow has opened from `data`.
+
+    mode : "RGB" or "RGBA", to which values of 8 bits are converted. Others, of 16 bits and floats, have the channels of
+        the file. Raises ValueError for integers of 32 bits.
+    """
+    if has_sixteen_bits(data):
+        return decode_sixteen_bits(data)
+    if image.mode.startswith("I;16"):
+        return np.asarray(image).astype(np.uint16)[..., None]
+    if image.mode == "F":
+        return np.asarray(image, np.float32)[..., None]
+    if image.mode == "I":
+        raise ValueError("it has integers of 32 bits; save it with 8 or 16 bits")
+    return np.asarray(image.convert(mode))
+
+
+def lost_of_tiff(image: Any) -> list[str]:
+    """What `stored_values` leaves out of a picture of Pillow, with what is done instead."""
+    lost = []
+    bits = getattr(image, "tag_v2", {}).get(_BITS_PER_SAMPLE, (8,))
+    if len(bits) > 1 and max(bits) > 8:
+        lost.append(f"{max(bits)} bits per channel (8)")
+    if getattr(image, "n_frames", 1) > 1:
+        lost.append("pages after the first")
+    return lost
 
 
 def decode_sixteen_bits(png: bytes) -> NDArray[np.uint16]:

@@ -18,9 +18,21 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from tests.calibrations.test_reading import KINDS, files_of
+from tests.calibrations.test_colmap_binary import MODEL as COLMAP
+from tests.calibrations.test_makers import EUROC_LEFT, EUROC_RIGHT, write_euroc
+from tests.calibrations.test_reading import (
+    KINDS,
+    SHIFT,
+    files_of,
+    intrinsics,
+    opencv_file,
+)
+from tests.calibrations.test_rig_files import KALIBR
 from tests.dataset.test_calib import MOTORCYCLE
 from tests.scenes.gltf_files import png, square, write, write_colored
+from tests.scenes.test_gltf_forms import BASISU, KTX2, with_picture
+from tests.scenes.test_picture_kinds import PICTURES
+from tests.scenes.test_ply_forms import FORMATS, LADDER, STRIP, ply
 from tests.scenes.test_xml_check import HARMLESS
 from tests.scenes.usd_files import (
     SQUARE,
@@ -40,6 +52,7 @@ from twinlens.scenes.xml_file import read_scene_xml
 
 FORMS = Path(__file__).with_name("gltf_forms")
 COMPRESSED = {"draco": ("draco",), "meshopt": ("meshopt", "-cz", "-c-")}
+KTX2_MARK = b"\xabKTX 20\xbb"
 LONGEST_S = 30  # of processor time; a reader takes a hundredth of it
 LONGEST_WAIT_S = 300  # the machine may be busy
 MOST_MEMORY = 1 << 20  # kB above that of the good files
@@ -86,6 +99,8 @@ map_d t.png
 
 def damaged(good, rng):
     """A file that is cut, or has other bytes, numbers, lines or words; of a .glb file also the header alone."""
+    if good[:4] == b"glTF" and (start := good.find(KTX2_MARK)) > 0:
+        return with_damaged_picture(good, start, rng)
     if good[:4] == b"glTF" and rng.randrange(3):
         return with_damaged_header(good, rng)
     return rng.choice(DAMAGES)(good, rng)
@@ -99,6 +114,19 @@ def with_damaged_header(good, rng):
     rest = good[20 + size :]
     start = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A)  # fmt: skip
     return start + text + rest
+
+
+def with_damaged_picture(good, start, rng):
+    """A .glb file that ends with a KTX2 picture, of the same length. Numbers of 4 bytes stand in its header."""
+    data = bytearray(good)
+    for _ in range(rng.randint(1, 4)):
+        is_header = rng.randrange(2)
+        place = start + rng.randrange(12, 104 if is_header else len(good) - start)
+        data[place] = rng.randrange(256)
+    if not rng.randrange(4):
+        place = rng.randrange(start, len(good))
+        data[place:] = bytes(len(good) - place)
+    return bytes(data)
 
 
 def cut(good, rng):
@@ -230,6 +258,10 @@ def ply_files(folder):
         path = folder / f"{encoding}.ply"
         path.write_bytes(box.export(file_type="ply", encoding=encoding))
         paths.append((path, mesh, path))
+    for form in FORMATS:
+        path = folder / f"strips-{form}.ply"
+        path.write_bytes(ply(LADDER, [STRIP], form))
+        paths.append((path, mesh, path))
     return paths
 
 
@@ -254,6 +286,22 @@ def png_files(folder):
     return paths
 
 
+def picture_files(folder):
+    """Pictures of TGA and TIFF."""
+    written(folder, {name: data for name, (data, _) in PICTURES.items()})
+    return [(folder / name, picture, folder / name) for name in PICTURES]
+
+
+def ktx2_files(folder):
+    """Models with KTX2 pictures, which are damaged alone."""
+    paths = []
+    for source in sorted(KTX2.glob("*.ktx2")):
+        path = folder / f"{source.stem}.glb"
+        path.write_bytes(with_picture(source.read_bytes(), BASISU, True))
+        paths.append((path, model, path))
+    return paths
+
+
 def xml_files(folder):
     (folder / "deep").mkdir()
     written(folder / "deep", {"t.png": png(np.ones((1, 1, 3)))})
@@ -262,7 +310,7 @@ def xml_files(folder):
 
 
 def calibration_files(folder):
-    """Those of other programs, where the first or the second file of a pair is damaged, and calib.txt."""
+    """Those of other programs, where any file of a rig is damaged, and calib.txt."""
     made = []
     for kind in KINDS:
         below = folder / kind.replace(" ", "-")
@@ -271,6 +319,17 @@ def calibration_files(folder):
         parts = [part for part in sorted(below.rglob("*")) if part.is_file()]
         parts = [part for part in parts if part.stat().st_size]
         made += [(part, lambda _, paths=paths: read_rig(*paths), part) for part in parts]  # fmt: skip
+    written(folder, {"chain.yaml": KALIBR.encode()})
+    made.append((folder / "chain.yaml", read_rig, folder / "chain.yaml"))
+    left = write_euroc(folder, "cam0", EUROC_LEFT)
+    right = write_euroc(folder, "cam1", EUROC_RIGHT)
+    made += [(part, lambda _: read_rig(left, right), part) for part in (left, right)]
+    binary = [Path(shutil.copy(path, folder)) for path in sorted(COLMAP.glob("*.bin"))]
+    made += [(part, lambda _: read_rig(*binary), part) for part in binary]
+    turned = {"R": np.array([[0.01], [-0.04], [0.02]]), "T": SHIFT[:, None]}
+    size = {"image_width": 640, "image_height": 480}
+    vector = opencv_file(folder / "vector.yml", **intrinsics(), **size, **turned)
+    made.append((vector, read_rig, vector))
     calib = folder / "calib.txt"
     calib.write_text(MOTORCYCLE)
     return [*made, *[(calib, read_calib, calib)] * 3]
@@ -305,6 +364,8 @@ KINDS_OF_FILES = {
     "ply": ply_files,
     "stl": stl_files,
     "png": png_files,
+    "pictures": picture_files,
+    "ktx2": ktx2_files,
     "xml": xml_files,
     "calibrations": calibration_files,
     "usda": lambda folder: usd_files(folder, "usda"),

@@ -74,9 +74,7 @@ def test_a_material_of_the_scene_replaces_those_of_the_file(glb_path, read_scene
     write(glb_path, square(baseColorTexture=WHITE), damaged_picture)
     scene = read_scene(OWN + "material = 'grey'\n")
     assert set(scene.materials) == {"grey"}
-    message = (
-        r"objects.own: .*m\.glb: images\[0\] must be a \.png, \.jpg, \.bmp or \.webp"
-    )
+    message = r"objects.own: .*m\.glb: images\[0\] must be a \.png, \.jpg, \.bmp, \.tga"
     with pytest.raises(InputError, match=message):
         read_scene(OWN)
 

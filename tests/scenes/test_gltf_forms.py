@@ -3,6 +3,8 @@
 The right values are those of the same model saved plainly, or of another library.
 """
 
+import json
+import struct
 import sys
 from io import BytesIO
 from pathlib import Path
@@ -11,6 +13,7 @@ import DracoPy
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
@@ -22,9 +25,8 @@ from tests.scenes.gltf_files import (
     with_values,
 )
 from twinlens.errors import FileError, MissingExtraError
-from twinlens.scenes.assets import SceneContext
-from twinlens.scenes.materials import Bitmap
-from twinlens.scenes.model_files import MaterialWarning, read_model
+from twinlens.scenes.assets import SceneContext, linear_from_srgb
+from twinlens.scenes.model_files import read_model
 
 FORMS = Path(__file__).parent / "gltf_forms"
 BYTE, UNSIGNED_BYTE, SHORT, UNSIGNED_SHORT = range(5120, 5124)
@@ -346,51 +348,90 @@ def test_a_sparse_row_beyond_the_accessor_is_an_error(tmp_path):
         read(path)
 
 
-def with_webp(is_only):
-    """A square whose texture is a .webp picture, and a .png one for programs without WebP unless `is_only`."""
-    colors = np.array([[[1, 0, 0], [0, 1, 0]], [[0, 0, 1], [1, 1, 1.0]]])
+def with_picture(data, extension, is_only):
+    """A square whose texture is a picture of an extension, and a black .png one for other programs unless `is_only`."""
     header, binary = exported(square(baseColorTexture=picture(np.zeros((2, 2, 3)))))
-    stream = BytesIO()
-    picture(colors).save(stream, format="WEBP", lossless=True)
     binary += bytes(-len(binary) % 4)
-    view = {
-        "buffer": 0,
-        "byteOffset": len(binary),
-        "byteLength": len(stream.getvalue()),
-    }
-    texture = {"extensions": {"EXT_texture_webp": {"source": 1}}}
+    view = {"buffer": 0, "byteOffset": len(binary), "byteLength": len(data)}
+    texture = {"extensions": {extension: {"source": 1}}}
     if not is_only:
         texture["source"] = 0
     values = {
         "bufferViews": [*header["bufferViews"], view],
         "images": [*header["images"], {"bufferView": len(header["bufferViews"])}],
         "textures": [texture],
-        "buffers": [{"byteLength": len(binary) + view["byteLength"]}],
+        "buffers": [{"byteLength": len(binary) + len(data)}],
+        **({"extensionsRequired": [extension]} if is_only else {}),
     }
-    return glb(with_values(header, values), binary + stream.getvalue()), colors
+    return glb(with_values(header, values), binary + data)
 
 
 @pytest.mark.parametrize("is_only", [True, False])
 def test_a_webp_picture_goes_before_its_substitute(tmp_path, is_only):
+    colors = np.array([[[1, 0, 0], [0, 1, 0]], [[0, 0, 1], [1, 1, 1.0]]])
+    stream = BytesIO()
+    picture(colors).save(stream, format="WEBP", lossless=True)
     path = tmp_path / "m.glb"
-    data, colors = with_webp(is_only)
-    path.write_bytes(data)
+    path.write_bytes(with_picture(stream.getvalue(), "EXT_texture_webp", is_only))
     [material] = read(path).materials.values()
     np.testing.assert_array_equal(material.base_color.pixels, colors)
 
 
-def test_a_ktx2_picture_that_is_required_says_what_to_do(tmp_path):
-    header, binary = exported(square(baseColorTexture=picture(np.zeros((2, 2, 3)))))
-    basis = {"KHR_texture_basisu": {"source": 0}}
-    textures = [{"extensions": basis}]
-    values = {"textures": textures, "extensionsRequired": list(basis)}
+KTX2 = Path(__file__).parent / "ktx2"
+BASISU = "KHR_texture_basisu"
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in KTX2.glob("*.ktx2")))
+def test_a_ktx2_picture_has_the_texels_of_basisu(tmp_path, name):
     path = tmp_path / "m.glb"
-    path.write_bytes(glb(with_values(header, values), binary))
-    message = r"requires KHR_texture_basisu, which twinlens cannot read; convert its KTX2 pictures to PNG"
+    data = with_picture((KTX2 / f"{name}.ktx2").read_bytes(), BASISU, True)
+    header, binary = parts_of(data)
+    blended = {"materials/0/alphaMode": "BLEND"}
+    path.write_bytes(glb(with_values(header, blended), binary))
+    [material] = read(path).materials.values()
+    with Image.open(KTX2 / f"{name}.png") as stored:
+        right = np.asarray(stored.convert("RGBA")) / 255
+    colors = linear_from_srgb(right[..., :3])
+    np.testing.assert_allclose(material.base_color.pixels, colors, atol=1e-6)
+    # basisu unpacks the alpha of ETC1S by way of another code, which rounds.
+    np.testing.assert_allclose(material.opacity.pixels, right[..., 3], atol=1.01 / 255)
+
+
+def parts_of(data):
+    size = struct.unpack_from("<I", data, 12)[0]
+    return json.loads(data[20 : 20 + size]), data[28 + size :]
+
+
+def test_a_ktx2_picture_goes_after_one_without_loss(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "opengl_basisu", None)
+    path = tmp_path / "m.glb"
+    path.write_bytes(with_picture((KTX2 / "uastc.ktx2").read_bytes(), BASISU, False))
+    [material] = read(path).materials.values()
+    assert not material.base_color.pixels.any()
+
+
+def test_a_ktx2_picture_names_the_library_that_is_missing(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "opengl_basisu", None)
+    path = tmp_path / "m.glb"
+    path.write_bytes(with_picture((KTX2 / "etc1s.ktx2").read_bytes(), BASISU, True))
+    message = r"m\.glb: opengl_basisu is not installed; pip install 'twinlens\[gltf\]'"
+    with pytest.raises(MissingExtraError, match=message):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda data: data[:16], r"images\[1\] ends within its header"),
+        (lambda data: data[:200], r"images\[1\]: "),
+        (lambda data: data[:20] + b"\xff\xff\xff\x7f" + data[24:], "may have 1 to"),
+        # Its format is VK_FORMAT_R8G8B8A8_SRGB, texels without Basis Universal.
+        (lambda data: data[:12] + b"\x2b\0\0\0" + data[16:], r"images\[1\]: "),
+    ],
+)
+def test_a_damaged_ktx2_picture_is_refused(tmp_path, change, message):
+    path = tmp_path / "m.glb"
+    data = change((KTX2 / "uastc.ktx2").read_bytes())
+    path.write_bytes(with_picture(data, BASISU, True))
     with pytest.raises(FileError, match=message):
         read(path)
-    values = {"textures/0/extensions": basis}
-    path.write_bytes(glb(with_values(header, values), binary))
-    with pytest.warns(MaterialWarning, match="not rendered: KHR_texture_basisu"):
-        [material] = read(path).materials.values()
-    assert isinstance(material.base_color, Bitmap)

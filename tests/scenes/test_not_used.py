@@ -156,7 +156,7 @@ def test_positions_are_read_whatever_else_is_there(tmp_path):
         ("m.obj", f"{CORNERS}l 1 2\n", r"; it has lines \(left out\)$"),
         ("m.obj", f"{CORNERS}F 1 2 3\n", r"; it has F \(left out\)$"),
         ("m.obj", CORNERS, "$"),
-        ("m.ply", ply().replace("face 1", "tristrips 1"), r"; it has element 'tristrips' \(left out\)$"),
+        ("m.ply", ply().replace("face 1", "edge 1"), r"; it has element 'edge' \(left out\)$"),
         ("m.ply", ply().partition("element face")[0] + "end_header\n0 0 0\n1 0 0\n0 1 0\n", "$"),
     ],
 )  # fmt: skip

@@ -9,7 +9,7 @@ from PIL import Image
 from twinlens.errors import FileError
 from twinlens.scenes.assets import SceneContext
 from twinlens.scenes.materials import Bitmap, Color
-from twinlens.scenes.model_files import read_model
+from twinlens.scenes.model_files import MaterialWarning, read_model
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 HALF = Color((0.5, 0.5, 0.5))
@@ -190,3 +190,32 @@ def test_opacity_is_the_factor_times_its_own_map(tmp_path, mtl, opacity):
     values = made.opacity.pixels if isinstance(made.opacity, Bitmap) else made.opacity
     np.testing.assert_allclose(values, opacity, atol=1e-6)
     assert made.alpha_cutoff is None
+
+
+OPTIONS = [
+    "-s 2 2 1",
+    "-o 0.5",
+    "-o .1 0 0 -s 1 1",
+    "-bm 0.5",
+    "-clamp on",
+    "-mm 0 1",
+    "-mm 0",
+    "-imfchan r",
+    "-blendu off -blendv off -texres 512",
+    "-type sphere -boost 2 -cc on -t 1 1 1",
+]
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+@pytest.mark.parametrize("name", ["a leaf.png", "leaf.png", "a\\leaf.png"])
+def test_options_of_a_map_are_no_part_of_its_name(tmp_path, options, name):
+    """There is a leaf.png beside, which was taken for "a leaf.png"."""
+    (tmp_path / "a").mkdir()
+    for i, path in enumerate(("leaf.png", "a leaf.png", "a/leaf.png")):
+        (tmp_path / path).write_bytes(png(np.full((2, 2), 51 * i, np.uint8)))
+    right = {"leaf.png": 0, "a leaf.png": 51, "a\\leaf.png": 102}
+    with pytest.warns(MaterialWarning, match="not rendered: options of map_d"):
+        made = material(
+            read(tmp_path, CARD, m=f"newmtl leaf\nmap_d {options} {name}\n")
+        )
+    np.testing.assert_allclose(made.opacity.pixels, right[name] / 255, atol=1e-6)

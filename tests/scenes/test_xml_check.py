@@ -61,15 +61,17 @@ EVIL = {
     '<bsdf type="diffuse"><texture type="../x"/></bsdf>': "scene.bsdf.texture: unknown texture type",
     '<include filename="other.xml"/>': "no file 'other.xml'",
     '<include filename="s.xml"/>': "s.xml includes itself",
-    '<include filename="../s.xml"/>': "leads outside the folder '",
+    '<include filename="../../../../../s.xml"/>': "leads more than 3 levels above the scene file",
+    '<include filename="../other.xml"/>': "no file 'other.xml' in the folder",
+    '<include filename="deep/../other.xml"/>': "'..' is not allowed; write 'other.xml'",
     '<path value="/tmp"/>': "'/tmp': write the folder relative to the file that names it",
     '<path value="../../../../../.."/>': "leads more than 3 levels above the scene file",
     '<path value="nowhere"/>': "no folder 'nowhere' beside s.xml",
     '<plugin type="x"/>': "unknown element 'plugin'",
-    '<shape type="obj"><string name="filename" value="../m.obj"/></shape>': "leads outside the folder '",
+    '<shape type="obj"><string name="filename" value="../../../../../m.obj"/></shape>': "leads more than 3 levels",
     '<shape type="obj"><string name="filename" value="/etc/passwd"/></shape>': "must be a file name relative",
     '<shape type="obj"><string name="filename" value="missing.obj"/></shape>': "no file 'missing.obj'",
-    '<emitter type="constant"><spectrum name="radiance" filename="../x.spd"/></emitter>': "leads outside",
+    '<emitter type="constant"><spectrum name="radiance" filename="../x.spd"/></emitter>': "no file 'x.spd'",
     '<emitter type="constant"><spectrum name="radiance" value="x.spd"/></emitter>': "write the spectrum's numbers",
     '<bsdf type="conductor"><string name="material" value="../../x"/></bsdf>': "unknown conductor",
     '<bsdf type="conductor"><string name="eta" value="../../x.spd"/></bsdf>': "looks like a file name",
@@ -116,6 +118,28 @@ def test_harmful_elements_are_errors_with_their_place(tmp_path, monkeypatch, ele
         check(tmp_path, HARMLESS.replace("</scene>", element + "</scene>"))
     assert re.match(rf"{tmp_path}/(s|wide)\.xml: ", str(caught.value))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("levels", [1, 2, 3, 4])
+@pytest.mark.parametrize("by_path", [True, False])
+def test_files_may_lie_above_the_scene_as_folders_of_path_may(
+    tmp_path, levels, by_path
+):
+    """As in a file of Mitsuba's public test data, ../../serialized/rectangle_normals_uv.serialized."""
+    home = tmp_path / "four" / "levels" / "down" / "here"
+    home.mkdir(parents=True)
+    up = "../" * levels
+    (home / up / "m").mkdir(exist_ok=True)
+    trimesh.creation.box().export((home / up / "m" / "box.ply").resolve())
+    path, name = (up, "m/box.ply") if by_path else (".", f"{up}m/box.ply")
+    shape = f'<shape type="ply"><string name="filename" value="{name}"/></shape>'
+    text = HARMLESS.replace("</scene>", f'<path value="{path}"/>{shape}</scene>')
+    if levels > 3:
+        with pytest.raises(InputError, match="leads more than 3 levels above the"):
+            check(home, text)
+        return
+    files = check(home, text)
+    assert (home / up / "m" / "box.ply").resolve() in files
 
 
 def test_files_are_looked_for_where_mitsuba_does_when_the_scene_is_a_link(

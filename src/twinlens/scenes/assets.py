@@ -10,9 +10,8 @@ import logging
 import os
 import posixpath
 import re
-import threading
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -32,9 +31,11 @@ from twinlens.errors import (
     warn_not_used,
 )
 from twinlens.pictures import (
-    decode_sixteen_bits,
-    has_sixteen_bits,
     kind_of_picture,
+    lost_of_tiff,
+    opened,
+    silent,
+    stored_values,
 )
 from twinlens.scenes import shapes
 from twinlens.scenes.materials import AnyMaterial
@@ -58,7 +59,6 @@ _OBJ_READ = {"v", "vt", "vn", "f", "g", "o", "s", "usemtl", "mtllib"}
 _MOST_POSITION_WORDS = 4  # x, y, z and a weight
 _COMMENT = re.compile(r"(^|\s)#.*")  # names such as "Material__#25" have the sign too
 _CONTINUED = re.compile(r"\\\r?\n")
-_SILENCING = threading.Lock()
 # trimesh logs tracebacks of damaged files; without any handler, Python would print them.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 _PICTURE_KINDS = {
@@ -66,8 +66,12 @@ _PICTURE_KINDS = {
     ".jpg": "JPEG",
     ".jpeg": "JPEG",
     ".bmp": "BMP",
+    ".tga": "TGA",
+    ".tif": "TIFF",
+    ".tiff": "TIFF",
     ".webp": "WEBP",
 }
+_MITSUBA_LACKS = {".tif", ".tiff", ".webp"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +133,7 @@ def folder_of(path: Path, context: SceneContext) -> Path:
 
 def _sky(name: Any, info: Any) -> str:
     path = find_asset(name, info.context)
+    check_mitsuba_opens(path)
     read_sky(path)
     return str(path)
 
@@ -154,7 +159,7 @@ def linear_from_srgb(encoded: ArrayLike) -> NDArray[np.float32]:
 
 
 def read_picture(path: Path, raw: bool = False) -> NDArray[np.float32]:
-    """A picture as linear float32 (H, W, 3), .png and .jpg decoded from sRGB unless `raw`.
+    """A picture as linear float32 (H, W, 3). Integers, as in .png and .jpg, are decoded from sRGB unless `raw`.
 
     Raises FileError for a damaged or too large file, and for negative or non-finite values.
     """
@@ -221,6 +226,15 @@ def read_sky(path: Path) -> NDArray[np.float32]:
     return pixels
 
 
+def check_mitsuba_opens(path: Path) -> None:
+    """Raise FileError for a picture of a kind that Mitsuba cannot open by itself."""
+    if path.suffix.lower() in _MITSUBA_LACKS:
+        others = sorted(_READERS.keys() - _MITSUBA_LACKS)
+        raise FileError(
+            f"{path}: Mitsuba opens this file by itself, and only {', '.join(others)}; convert it"
+        )
+
+
 def check_picture_size(name: object, width: int, height: int) -> None:
     """Raise FileError for a picture of no or too many pixels."""
     if not (width > 0 and height > 0 and width * height <= _MOST_PIXELS):
@@ -229,21 +243,20 @@ def check_picture_size(name: object, width: int, height: int) -> None:
         )
 
 
-def _read_8bit(path: Path) -> tuple[NDArray[np.float32], bool]:
-    from PIL import Image
-
+def _read_with_pillow(path: Path) -> tuple[NDArray[np.float32], bool]:
     data = read_limited(path, _LARGEST_PICTURE_FILE)
     kind = _PICTURE_KINDS[path.suffix.lower()]
     _check_kind(path, data, kind)
-    with Image.open(BytesIO(data), formats=[kind]) as image:
+    with opened(data, kind) as image:
         check_picture_size(path, image.width, image.height)
-        _name_alpha(path, image)
-        if not has_sixteen_bits(data):
-            pixels = np.asarray(image.convert("RGB"), dtype=np.float32)
-            return pixels / np.float32(255), True
-    values = decode_sixteen_bits(data)
+        lost = [*lost_of_tiff(image), *_lost_alpha(image)]
+        values = stored_values(image, data, "RGB")
+    warn_not_used(path, lost, SceneWarning)
     colors = values[..., [0, 0, 0]] if values.shape[2] < 3 else values[..., :3]
-    return colors.astype(np.float32) / np.float32(65535), True
+    if colors.dtype == np.float32:
+        return np.asarray(colors, np.float32), False
+    most = np.float32(65535 if colors.dtype == np.uint16 else 255)
+    return colors.astype(np.float32) / most, True
 
 
 def _check_kind(path: Path, data: bytes, kind: str) -> None:
@@ -254,26 +267,13 @@ def _check_kind(path: Path, data: bytes, kind: str) -> None:
         raise FileError(f"{path}: is not a {kind} picture{remedy}")
 
 
-def _name_alpha(path: Path, image: Any) -> None:
-    """Warn of a picture of Pillow that is partly transparent."""
+def _lost_alpha(image: Any) -> list[str]:
+    """The alpha channel of a picture of Pillow, if it is not opaque everywhere."""
     if not image.has_transparency_data:
-        return
-    if image.convert("RGBA").getchannel("A").getextrema()[0] < 255:
-        part = "its alpha channel (opaque; a 'mask' takes opacity)"
-        warn_not_used(path, [part], SceneWarning)
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Discard what OpenEXR prints about damaged pixels, to sys.stdout and to file descriptor 2, besides raising it."""
-    with _SILENCING, Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere):
-        stderr = os.dup(2)
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(stderr, 2)
-            os.close(stderr)
+        return []
+    alpha = image.convert("RGBA").getchannel("A")
+    is_opaque = alpha.getextrema()[0] == 255
+    return [] if is_opaque else ["its alpha channel (opaque; a 'mask' takes opacity)"]
 
 
 def _read_exr(path: Path) -> tuple[NDArray[np.float32], bool]:
@@ -298,7 +298,7 @@ def _read_exr(path: Path) -> tuple[NDArray[np.float32], bool]:
         raise FileError(
             f"{path}: {len(header['channels'])} channels of {width}x{height} pixels are too many values"
         )
-    with _silent(), OpenEXR.File(str(path), separate_channels=True) as file:
+    with silent(), OpenEXR.File(str(path), separate_channels=True) as file:
         channels = {
             name: np.asarray(channel.pixels, dtype=np.float32)
             for name, channel in file.channels().items()
@@ -364,7 +364,7 @@ def _unpack_rgbe(body: NDArray[np.uint8], height: int, width: int) -> NDArray[np
 
 
 _READERS = {
-    **dict.fromkeys(_PICTURE_KINDS, _read_8bit),
+    **dict.fromkeys(_PICTURE_KINDS, _read_with_pillow),
     ".exr": _read_exr,
     ".hdr": _read_hdr,
 }

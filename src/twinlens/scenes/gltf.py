@@ -70,11 +70,6 @@ _TABLES = {
 }
 """The table of the header that a key's value is an index of."""
 
-_REMEDIES = {
-    "KHR_texture_basisu": "convert its KTX2 pictures to PNG, JPEG or WebP (gltf-transform)",
-}
-"""What to do about an extension that a file requires."""
-
 _Index = Annotated[int, pydantic.Field(ge=0)]
 
 
@@ -496,11 +491,8 @@ def open_gltf(path: Path, open_file: Callable[[str], bytes]) -> Gltf:
     """The checked header and the buffers of a .glb or .gltf file. Raises FileError."""
     header, binary = read_header(path)
     if unknown := sorted(set(header.extensionsRequired) - _READ_EXTENSIONS):
-        remedy = "; ".join(
-            {_REMEDIES.get(name, "export without it") for name in unknown}
-        )
         raise FileError(
-            f"{path}: requires {', '.join(unknown)}, which twinlens cannot read; {remedy}"
+            f"{path}: requires {', '.join(unknown)}, which twinlens cannot read; export without it"
         )
     for where, table, index in _indices(header):
         if index >= (count := len(getattr(header, table))):

@@ -8,22 +8,18 @@ glTF 2.0, chapter 5, and Khronos's extensions.
 # ruff: noqa: N815 (keys are spelt as in glTF)
 
 import math
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from io import BytesIO
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import pydantic
 from numpy.typing import NDArray
 
-from twinlens.errors import InputError
+from twinlens.errors import InputError, import_extra
 from twinlens.geometry import Float
-from twinlens.pictures import (
-    decode_sixteen_bits,
-    has_sixteen_bits,
-    kind_of_picture,
-)
+from twinlens.pictures import kind_of_picture, opened, stored_values
 from twinlens.scenes.assets import check_picture_size, linear_from_srgb
 from twinlens.scenes.materials import (
     Bitmap,
@@ -43,6 +39,9 @@ _NEAREST, _CLAMP, _MIRROR = 9728, 33071, 33648
 _WRAPS = {_CLAMP: "clamp", _MIRROR: "mirror"}
 _RGBA_CHANNELS = {1: [0, 0, 0, 1], 2: [0, 0, 0, 1], 3: [0, 1, 2, 3], 4: [0, 1, 2, 3]}
 """Where RGBA are in the channels of a picture and one of full opacity after them."""
+_KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
+_KTX2_SIZE = struct.Struct("<20x2I")
+"""Width and height in the header. Source: KTX file format specification 2.0, section 3."""
 _SMOOTHEST = 0.03  # roughness below which a pane is taken as clear
 
 
@@ -153,6 +152,7 @@ class _Source(Lenient):
 
 class _SourceExtensions(Lenient):
     EXT_texture_webp: _Source | None = None
+    KHR_texture_basisu: _Source | None = None
 
 
 EXTENSIONS = {
@@ -187,9 +187,15 @@ class SampledImage(Lenient):
 
     @property
     def image(self) -> int | None:
-        """The number of its picture, that of EXT_texture_webp before the one for programs without."""
-        webp = self.extensions.EXT_texture_webp
-        return self.source if webp is None else webp.source
+        """The number of its picture.
+
+        That of EXT_texture_webp goes before the one for programs without, and this one before a KTX2 picture, which is
+        stored with loss.
+        """
+        if (webp := self.extensions.EXT_texture_webp) is not None:
+            return webp.source
+        basis = self.extensions.KHR_texture_basisu
+        return basis.source if self.source is None and basis else self.source
 
 
 class PbrMaterial(Lenient):
@@ -317,20 +323,39 @@ class Textures:
 
 
 def decode_texels(data: bytes, name: str) -> Stored:
-    """A PNG, JPEG, BMP or WebP picture as stored values (H, W, 4), whatever its suffix. Raises InputError."""
-    from PIL import Image as Pillow
-
+    """The stored values (H, W, 4) of a picture, whatever its suffix. Raises InputError."""
+    if data.startswith(_KTX2):
+        return _decode_basis(data, name)
     kind = kind_of_picture(data)
     if kind is None:
-        raise InputError(f"{name} must be a .png, .jpg, .bmp or .webp picture")
-    with Pillow.open(BytesIO(data), formats=[kind]) as image:
+        raise InputError(
+            f"{name} must be a .png, .jpg, .bmp, .tga, .tif, .webp or .ktx2 picture"
+        )
+    with opened(data, kind) as image:
         check_picture_size(name, image.width, image.height)
-        if not has_sixteen_bits(data):
-            return np.asarray(image.convert("RGBA"))
-    values = decode_sixteen_bits(data)
+        values = stored_values(image, data, "RGBA")
+    if values.dtype == np.float32:
+        raise InputError(f"{name} has floats; save it with 8 or 16 bits")
+    if values.dtype == np.uint8:
+        return np.asarray(values, np.uint8)
     full = np.full_like(values[..., :1], 65535)
     channels = _RGBA_CHANNELS[values.shape[2]]
     return np.concatenate([values, full], axis=2)[..., channels]
+
+
+def _decode_basis(data: bytes, name: str) -> NDArray[np.uint8]:
+    """The largest level (H, W, 4) of a KTX2 picture of Basis Universal, ETC1S or UASTC. Raises InputError.
+
+    Raises MissingExtraError without opengl_basisu.
+    """
+    basis = import_extra("opengl_basisu", "gltf")
+    if len(data) < _KTX2_SIZE.size:
+        raise InputError(f"{name} ends within its header")
+    check_picture_size(name, *_KTX2_SIZE.unpack_from(data))
+    try:
+        return np.asarray(basis.open(data).transcode(basis.Target.RGBA8).data)
+    except basis.BasisuError as error:
+        raise InputError(f"{name}: {error}") from None
 
 
 def material_of(

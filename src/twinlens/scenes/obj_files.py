@@ -47,6 +47,13 @@ _NUMBERS = {
 }
 _MAPS = {"map_kd": "base", "map_ke": "emissive", "map_d": "opacity", "norm": "normal"}
 _IGNORED = {"newmtl", "ka", "illum", "map_ka", "sharpness"}
+_MAP_OPTIONS = {
+    **dict.fromkeys(("-o", "-s", "-t"), 3),
+    "-mm": 2,
+    **dict.fromkeys(("-blendu", "-blendv", "-bm", "-boost", "-cc", "-clamp"), 1),
+    **dict.fromkeys(("-imfchan", "-texres", "-type"), 1),
+}
+"""Options before the name of a map, and the most values of each."""
 _ILLUM = {"0", "1", "2"}  # with and without highlights; others are glass and mirrors
 _USE = "usemtl "
 _BETWEEN_LIBRARIES = re.compile(r"(?<=\.mtl) ", re.IGNORECASE)  # names may have spaces
@@ -196,9 +203,24 @@ def _picture_name(words: list[str]) -> tuple[str, bool]:
 
     Programs of Windows separate folders by backslashes.
     """
-    has_options = words[0].startswith("-")
-    name = words[-1] if has_options else " ".join(words)
-    return name.replace("\\", "/"), has_options and len(words) > 1
+    rest = words
+    while len(rest) > 1 and rest[0] in _MAP_OPTIONS:
+        most = _MAP_OPTIONS[rest[0]]
+        values = rest[1:-1][:most]
+        # Of up to three numbers, the last may be left out; another option has one word.
+        count = len(values) if most == 1 else _leading_numbers(values)
+        rest = rest[1 + count :]
+    return " ".join(rest).replace("\\", "/"), rest is not words
+
+
+def _leading_numbers(words: list[str]) -> int:
+    """How many words are numbers, before the first that is none."""
+    for count, word in enumerate(words):
+        try:
+            float(word)
+        except ValueError:
+            return count
+    return len(words)
 
 
 def _not_rendered(tables: Mapping[str, Table]) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Triangles of the polygons of OBJ and PLY files.
+"""Triangles of the polygons and strips of OBJ and PLY files.
 
 trimesh divides a polygon into a fan of triangles around its first vertex, which also covers the notches of a concave
 polygon. A file with such polygons is therefore rewritten before trimesh reads it, with triangles by ear clipping.
@@ -7,8 +7,9 @@ unless its projection along its mean normal is concave.
 """
 
 import math
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,9 +38,12 @@ _PLY_TYPES = {
 }
 _PLY_FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _INDEX_LISTS = ("vertex_index", "vertex_indices")
+_STRIPS = "tristrips"
+_NEXT_STRIP = -1
 _PLY_READ = {"x", "y", "z", "texture_u", "texture_v", "u", "v", "s", "t"}
 _PLY_NORMALS = {"nx", "ny", "nz"}
 _PLY_COLORS = {"red", "green", "blue", "alpha"}
+_PLY_START = re.compile(rb"ply(\r\n?)")
 _STRAIGHT = 1e-9  # radians: a turn to the wrong side that rounding explains
 
 
@@ -277,36 +281,35 @@ class _Numbers:
 
 
 def triangulated_ply(data: bytes) -> bytes:
-    """A PLY file with triangles instead of its polygons; `data` itself if trimesh reads it rightly.
+    """A PLY file with triangles instead of its polygons and strips; `data` itself if trimesh reads it rightly.
 
     trimesh reads faces that are convex and all have one number of corners. A file that is rewritten has its vertices
     and faces alone. Files that this function does not understand are returned as they are, so that trimesh reports the
     error. Raises InputError for a file that ends too early, and for a face with a vertex that does not exist.
     """
+    data = with_line_feeds(data)
     header, elements, order = _ply_header(data)
-    faces = next((item for item in elements if item.name == "face"), None)
-    vertices = next((item for item in elements if item.name == "vertex"), None)
+    by_name = {element.name: element for element in elements}
+    vertices = by_name.get("vertex")
+    # A file of strips has no faces, or an empty list of them.
+    faces, strips = by_name.get("face"), by_name.get(_STRIPS)
+    if faces is None or (strips is not None and not faces.rows):
+        faces = strips
     if faces is None or vertices is None or vertices.has_lists:
         return data
     names = [item.name for item in faces.properties]
     index = next((names.index(name) for name in _INDEX_LISTS if name in names), None)
     if index is None or _has_only_triangles(data[header:], elements, order):
         return data
-    numbers = _Numbers(data[header:], order)
-    columns: dict[str, NDArray[Any]] = {}
-    rows: list[list[NDArray[Any]]] = []
-    for element in elements[: elements.index(faces) + 1]:
-        if element is faces:
-            rows = [numbers.take_row(faces) for _ in range(faces.rows)]
-        elif element.has_lists:
-            for _ in range(element.rows):
-                numbers.take_row(element)
-        else:
-            table = numbers.take_rows(element)
-            columns = table if element is vertices else columns
+    columns, rows = _ply_rows(_Numbers(data[header:], order), elements, vertices, faces)
     if not {"x", "y", "z"} <= columns.keys():
         return data
     points = np.stack([columns[axis] for axis in "xyz"], axis=1).astype(np.float64)
+    if faces is strips:
+        corners = strip_triangles([row[index] for row in rows])
+        checked = _checked_face(corners, len(points))
+        of_index = replace(faces, properties=[faces.properties[index]])
+        return _ply_text(vertices, columns, of_index, [[face] for face in checked])
     polygons = [_checked_face(row[index], len(points)) for row in rows]
     triangles = _triangles_of_concave(polygons, points)
     is_mixed = len({len(polygon) for polygon in polygons}) > 1
@@ -318,14 +321,76 @@ def triangulated_ply(data: bytes) -> bytes:
     return _ply_text(vertices, columns, faces, made)
 
 
+def with_line_feeds(data: bytes) -> bytes:
+    """A PLY file whose header, and whose text, has lines that end as Unix's do; old ones end in a carriage return.
+
+    >>> with_line_feeds(b"ply\\rformat ascii 1.0\\rend_header\\r1\\r")
+    b'ply\\nformat ascii 1.0\\nend_header\\n1\\n'
+    """
+    # The first line shows how lines end: the first byte of binary numbers may be a line feed too.
+    ending = _PLY_START.match(data)
+    end = -1 if ending is None else data.find(b"end_header" + ending[1])
+    if ending is None or end < 0:
+        return data
+    start = end + len(b"end_header" + ending[1])
+    header, body = data[:start], data[start:]
+    if b"format ascii" in header:
+        body = body.replace(ending[1], b"\n")
+    return header.replace(ending[1], b"\n") + body
+
+
+def _ply_rows(
+    numbers: _Numbers, elements: list[_Element], vertices: _Element, faces: _Element
+) -> tuple[dict[str, NDArray[Any]], list[list[NDArray[Any]]]]:
+    """The columns of the vertices and the rows of the faces, from the numbers of all elements up to both."""
+    columns: dict[str, NDArray[Any]] = {}
+    rows: list[list[NDArray[Any]]] = []
+    last = max(elements.index(vertices), elements.index(faces))
+    for element in elements[: last + 1]:
+        if element is vertices:
+            columns = numbers.take_rows(element)
+        elif element is faces or element.has_lists:
+            taken = [numbers.take_row(element) for _ in range(element.rows)]
+            rows = taken if element is faces else rows
+        else:
+            numbers.take_rows(element)
+    return columns, rows
+
+
+def strip_triangles(strips: Sequence[NDArray[Any]]) -> NDArray[np.int64]:
+    """The triangles (T, 3) of strips of vertices, with -1 between two strips of one list.
+
+    Every second triangle of a strip is turned, so that all face the same side. Those with a repeated vertex, which join
+    strips, are left out.
+
+    >>> strip_triangles([np.array([0, 1, 2, 3, -1, 4, 5, 6])]).tolist()
+    [[0, 1, 2], [2, 1, 3], [4, 5, 6]]
+    """
+    made = [np.zeros((0, 3), np.int64)]
+    for listed in strips:
+        ends = np.flatnonzero(listed == _NEXT_STRIP)
+        for part in np.split(listed.astype(np.int64), ends):
+            strip = part[part != _NEXT_STRIP]
+            corners = np.stack([strip[:-2], strip[1:-1], strip[2:]], axis=1)
+            corners[1::2, :2] = corners[1::2, 1::-1]
+            made.append(corners)
+    triangles = np.concatenate(made)
+    a, b, c = triangles.T
+    return np.asarray(triangles[(a != b) & (b != c) & (a != c)])
+
+
 def ply_not_used(data: bytes) -> list[str]:
     """What a PLY file has besides positions, texture coordinates and faces, with what is done instead."""
-    _, elements, _ = _ply_header(data)
+    _, elements, _ = _ply_header(with_line_feeds(data))
     names: dict[str, set[str]] = {}
     for element in elements:
         names[element.name] = {column.name for column in element.properties}
     of_vertices = names.pop("vertex", set()) - _PLY_READ
-    of_faces = names.pop("face", set()) - {*_INDEX_LISTS, "texcoord"}
+    read_of_faces = {*_INDEX_LISTS, "texcoord"}
+    has_faces = any(item.name == "face" and item.rows for item in elements)
+    of_faces = names.pop("face", set()) - read_of_faces
+    if not has_faces:
+        of_faces |= names.pop(_STRIPS, set()) - set(_INDEX_LISTS)
     parts = []
     if of_vertices & _PLY_NORMALS:
         parts.append("normals")

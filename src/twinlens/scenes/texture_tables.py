@@ -214,7 +214,7 @@ PATTERNS: dict[str, dict[str, Any]] = {
 
 
 class Picture(TextureBase):
-    """A picture file: .png or .jpg (sRGB unless `raw`), .exr or .hdr (linear). `size` has no effect."""
+    """A picture file: integers, as in .png, are sRGB unless `raw`; .exr, .hdr are linear. `size` has no effect."""
 
     type: Literal["bitmap"]
     filename: Asset

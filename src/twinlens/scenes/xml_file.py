@@ -29,6 +29,7 @@ from twinlens.errors import (
 from twinlens.geometry import Float, check_rigid, look_at
 from twinlens.scenes.assets import (
     SceneContext,
+    check_mitsuba_opens,
     decode_picture,
     find_asset,
     read_limited,
@@ -97,6 +98,7 @@ _MOST_UP = 3
 _RECORDING = {"aov", "moment"}
 _FILE_PARAMETER = re.compile(r"file|path", re.IGNORECASE)
 _NO_FILES = {"file_format", "fileFormat"}
+_UPWARDS = re.compile(r"(\.\./)+")
 _PARAMETER_NAME = re.compile(r"[A-Za-z_]\w*")
 _PARAMETER = re.compile(r"\$([A-Za-z_]\w*)")
 _NUMBERS = re.compile(r"[\d.eE+\-,:\s]*")
@@ -197,8 +199,9 @@ def resolved_xml(path: Path) -> str:
 class _Resolver:
     """What the elements of a file and of the files it includes share: parameters, and folders to look for files.
 
-    `path` elements may name folders up to `_MOST_UP` levels above the file. Files must lie in these folders, or below
-    that of the file. Source of the order: Mitsuba 3, `src/core/xml.cpp`, which looks in the folder named last first.
+    `path` elements may name folders up to `_MOST_UP` levels above the scene file, and names of files may start with as
+    many "..". Files must lie in these folders, or below that of the scene. Source of the order: Mitsuba 3,
+    `src/core/xml.cpp`, which looks in the folder named last first.
     """
 
     def __init__(self, path: Path) -> None:
@@ -244,11 +247,24 @@ class _Resolver:
         """The file of a name in one of the folders. Raises InputError."""
         is_short = len(os.fsencode(name)) < 256
         names_a_place = is_short and not PurePosixPath(name).is_absolute()
-        folder = self.home
-        if names_a_place and "\0" not in name:
-            holders = (place for place in self.folders if (place / name).exists())
-            folder = next(holders, self.home)
+        if not names_a_place or "\0" in name:
+            return find_asset(name, SceneContext(self.home, files=self.files))
+        holders = (place for place in self.folders if (place / name).exists())
+        folder = next(holders, self.home)
+        above = _UPWARDS.match(name)
+        if above is not None:
+            folder = (folder / above[0]).resolve()
+            self._check_not_far_up(folder, name)
+            name = name[above.end() :]
         return find_asset(name, SceneContext(folder, files=self.files))
+
+    def _check_not_far_up(self, folder: Path, name: str) -> None:
+        """Raise InputError for a folder that shares too little of its path with the scene's."""
+        shared = os.path.commonpath([folder, self.home])
+        if len(self.home.relative_to(shared).parts) > _MOST_UP:
+            raise InputError(
+                f"{name!r} leads more than {_MOST_UP} levels above the scene file; copy it beside the scene"
+            )
 
     def has_link(self, name: str) -> bool:
         """Whether a text is the name of a link in one of the folders."""
@@ -279,11 +295,7 @@ class _Resolver:
         folder = next((place for place in candidates if place.is_dir()), None)
         if folder is None:
             raise InputError(f"no folder {name!r} beside {file.name}")
-        shared = os.path.commonpath([folder, self.home])
-        if len(self.home.relative_to(shared).parts) > _MOST_UP:
-            raise InputError(
-                f"{name!r} leads more than {_MOST_UP} levels above the scene file; copy the folder beside it"
-            )
+        self._check_not_far_up(folder, name)
         self.folders.insert(0, folder)
 
     def _included(self, element: Element, file: Path, where: str) -> list[Element]:
@@ -401,7 +413,9 @@ def _check_picture(element: Element) -> None:
     if check is None:
         return
     for file in element.iterfind("string[@name='filename']"):
-        check(Path(file.get("value", "")))
+        path = Path(file.get("value", ""))
+        check_mitsuba_opens(path)
+        check(path)
 
 
 def _check_no_path(value: str, resolver: _Resolver) -> None:
