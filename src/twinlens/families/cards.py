@@ -126,7 +126,8 @@ def _free_pose(
         points = transform_points(pose, mesh.vertices)
         footprint = outline(points[:, :2])
         is_far = float(view.depth(points).min()) > _NEAREST
-        if is_far and all(gap(footprint, other) > 0.01 for other in taken):
+        is_clear = all(gap(footprint, neighbour) > 0.01 for neighbour in taken)
+        if is_far and is_clear:
             taken.append(footprint)
             return pose
     return None

@@ -188,8 +188,8 @@ class _Air:
             x, y = rng.uniform(-1, 1, 2) * (1.0, 0.95)
             centre = self.view.at(float(x), float(y), depth + reach)
             is_free = all(
-                np.linalg.norm(centre - other) > reach + radius
-                for other, radius in self.taken
+                np.linalg.norm(centre - neighbour) > reach + radius
+                for neighbour, radius in self.taken
             )
             if is_free and (self.wall is None or self.wall.clearance(centre) > reach):
                 self.taken.append((centre, reach))

@@ -170,6 +170,7 @@ def _set_view(scene: Composition, shell: Shell) -> float:
 def _floor_rectangle(
     size: tuple[float, float], pose: Float, margin: float = 0.0
 ) -> Float:
+    """The corners (4, 2) on the floor of a rectangle of this size at a pose, wider by a margin on each side."""
     half = np.array(size) / 2 + margin
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
     return transform_points(pose, np.column_stack([corners, np.zeros(4)]))[:, :2]
@@ -200,15 +201,18 @@ class _FloorPlan:
         for neighbour, place in self.placed:
             if gap(outline, _floor_rectangle(neighbour.floor, place)) <= 0:
                 return False
-        floor = _floor_rectangle(piece.floor, pose)
-        corners = np.concatenate(
-            [np.column_stack([floor, np.full(4, z)]) for z in (0.0, piece.height)]
-        )
-        nearest = self.scene.view.depth(corners).min()
-        if nearest < (self.near if near is None else near):
+        least = self.near if near is None else near
+        if self._least_depth(piece, pose) < least:
             return False
         self.placed.append((piece, pose))
         return True
+
+    def _least_depth(self, piece: Piece, pose: Float) -> float:
+        """The least depth of the box around a piece."""
+        floor = _floor_rectangle(piece.floor, pose)
+        low = np.column_stack([floor, np.zeros(4)])
+        high = np.column_stack([floor, np.full(4, piece.height)])
+        return float(self.scene.view.depth(np.concatenate([low, high])).min())
 
     def place_along(self, side: str, most: int) -> None:
         rng = self.scene.rng("along", side)
@@ -261,16 +265,23 @@ class _FloorPlan:
             piece = make(self.scene.rng("piece", "front", attempt))
             side = one_of(rng, [-1.0, 1.0]) * rng.uniform(0.4, 0.8)
             turn = rotation([0, 0, 1], float(rng.uniform(0, 360)))
-            depth = nearest = self.near + 0.3
-            for _ in range(6):
-                place = translation(self.scene.view.at(side, 0.0, depth) * [1, 1, 0])
-                pose = place @ turn
-                nearest = self._nearest_visible(piece, pose)
-                is_visible = math.isfinite(nearest)
-                depth += self.near - nearest if is_visible else 0.2 * self.near
+            pose, nearest = self._moved_to_near(piece, side, turn)
             is_near = abs(nearest - self.near) < 0.01 * self.near
             if is_near and self._place_if_free(piece, pose, near=0.0):
                 return
+
+    def _moved_to_near(
+        self, piece: Piece, side: float, turn: Float
+    ) -> tuple[Float, float]:
+        """The pose of a piece at `side` of the picture after six steps towards `near`, and its nearest depth there."""
+        depth = self.near + 0.3
+        for _ in range(6):
+            on_floor = self.scene.view.at(side, 0.0, depth) * [1, 1, 0]
+            pose = translation(on_floor) @ turn
+            nearest = self._nearest_visible(piece, pose)
+            is_visible = math.isfinite(nearest)
+            depth += self.near - nearest if is_visible else 0.2 * self.near
+        return pose, nearest
 
     def _nearest_visible(self, piece: Piece, pose: Float) -> float:
         """The smallest depth of a piece in the picture; +inf where it is not visible."""
@@ -321,6 +332,7 @@ def _skirting(shell: Shell) -> Mesh:
 
 
 def _add_window(scene: Composition, pose: Float, index: int) -> None:
+    """Add a window that shines, its frame, and in half of them curtains, to a wall at a pose."""
     rng = scene.rng("window", index)
     wide, tall = rng.uniform(0.9, 1.7), rng.uniform(1.1, 1.5)
     sill = rng.uniform(0.75, 0.95)
@@ -328,9 +340,8 @@ def _add_window(scene: Composition, pose: Float, index: int) -> None:
     upright = translation([0, -0.012, sill + tall / 2]) @ rotation([1, 0, 0], 90.0)
     pane = shapes.transformed(lighting.rectangle(wide, tall), upright)
     # By day as bright as a covered sky to a sunlit street, which clip; at night nearly black.
-    level = (
-        log_uniform(rng, 0.004, 0.05) if scene.is_night else log_uniform(rng, 4.0, 50.0)
-    )
+    levels = (0.004, 0.05) if scene.is_night else (4.0, 50.0)
+    level = log_uniform(rng, *levels)
     lighting.emitter(scene, f"window-pane-{index}", pane, pose, level * sky)
     pixel = scene.pixel_at(pose[:3, 3], 0.5)
     white = furniture_material(scene, ("window", index), "white", pixel)
@@ -364,27 +375,34 @@ def _window_frame(rng: Rng, wide: float, tall: float, sill: float) -> Mesh:
 
 
 def _curtains(rng: Rng, wide: float, tall: float, sill: float) -> Mesh:
+    """Two pushed-back curtains in folds, to the floor or to a little below the sill."""
     low = 0.03 if rng.random() < 0.6 else sill - 0.2
-    z = np.array([low, sill + tall + 0.14])
-    t = np.linspace(0, 1, 60)
-    made = []
+    heights = np.array([low, sill + tall + 0.14])
+    half = wide / 2 + 0.14
+    curtains = []
     for side in (-1, 1):
         span = rng.uniform(0.3, 0.45)
-        x = side * (wide / 2 + 0.14) - side * span * (t - 0.35)
-        y = -0.1 - 0.03 * np.sin(2 * np.pi * t * rng.uniform(4, 6))
-        points = np.stack(np.broadcast_arrays(x, y, z[:, None]), axis=-1)
-        points = points if side < 0 else points[:, ::-1]
-        slope = np.gradient(points[0, :, 1], points[0, :, 0])
-        normal = np.stack([slope, -np.ones_like(slope), np.zeros_like(slope)], axis=-1)
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        uv = np.stack(np.broadcast_arrays(t * span * 1.4, z[:, None]), axis=-1).reshape(
-            -1, 2
-        )
-        normals = np.concatenate([normal, normal])
-        made.append(
-            double_sided(points.reshape(-1, 3), shapes.grid(60, 2), normals, uv, 1e-3)
-        )
-    return shapes.merged(made)
+        folds = rng.uniform(4, 6)
+        curtains.append(_curtain(side, half, span, folds, heights))
+    return shapes.merged(curtains)
+
+
+def _curtain(side: int, half: float, span: float, folds: float, z: Float) -> Mesh:
+    """A curtain `span` metres wide around x = side * half, between two heights (2,)."""
+    t = np.linspace(0, 1, 60)
+    x = side * half - side * span * (t - 0.35)
+    y = -0.1 - 0.03 * np.sin(2 * np.pi * t * folds)
+    points = np.stack(np.broadcast_arrays(x, y, z[:, None]), axis=-1)
+    # Columns run to the right.
+    points = points if side < 0 else points[:, ::-1]
+    slope = np.gradient(points[0, :, 1], points[0, :, 0])
+    normal = np.stack([slope, -np.ones_like(slope), np.zeros_like(slope)], axis=-1)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    normals = np.concatenate([normal, normal])
+    # A curtain in folds is 1.4 times as wide as its span.
+    uv = np.stack(np.broadcast_arrays(t * span * 1.4, z[:, None]), axis=-1)
+    faces = shapes.grid(60, 2)
+    return double_sided(points.reshape(-1, 3), faces, normals, uv.reshape(-1, 2), 1e-3)
 
 
 def _add_things(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
@@ -435,12 +453,12 @@ def _add_shelf_things(
 
 
 def _add_small_objects(scene: Composition, plan: _FloorPlan) -> None:
+    """Add things and bodies to the shelves of the furniture, the more the larger a shelf is."""
     shelves = [(shelf, pose) for piece, pose in plan.placed for shelf in piece.shelves]
     if not shelves:
         return
-    weights = np.array(
-        [math.sqrt(shelf.size[0] * shelf.size[1]) for shelf, _ in shelves]
-    )
+    sizes = np.array([shelf.size for shelf, _ in shelves])
+    weights = np.sqrt(sizes[:, 0] * sizes[:, 1])
     share = weights / weights.sum()
     chosen = scene.rng("clutter").choice(len(shelves), size=scene.count, p=share)
     for index, (shelf, pose) in enumerate(shelves):
@@ -448,25 +466,41 @@ def _add_small_objects(scene: Composition, plan: _FloorPlan) -> None:
         most = min(wanted, _MOST_ON_SHELF)
         count = count_among_bodies(scene, f"shelf-{index}", most)
         ground = _add_shelf_things(scene, index, shelf, pose, count)
-        parts = [(index, k) for k in range(wanted - ground.count)]
-        resting = bodies_at_rest(scene, "clutter", parts, _SMALL)
-        fitting = [
-            (body, rest, rng) for body, rest, rng in resting if rest.height < shelf.free
-        ]
-        half = np.array(shelf.size) / 2
-        stacked = 0.35 if shelf.free > 0.5 else 0.0
         filled = [layer.moved(inverse(pose)) for layer in ground.filled]
-        area = Area(
-            np.array(shelf.middle), half, shelf.height, 0.01, stacked, filled=filled
-        )
-        for placement in arrange(fitting, area):
-            body = placement.body
-            world_from_body = pose @ placement.pose
-            look = body.material(scene.pixel_at(world_from_body[:3, 3], 0.3))
-            scene.add(body.name, body.solid.mesh, look, world_from_body)
+        _add_shelf_bodies(scene, index, shelf, pose, wanted - ground.count, filled)
+
+
+def _add_shelf_bodies(
+    scene: Composition,
+    index: int,
+    shelf: Shelf,
+    pose: Float,
+    count: int,
+    filled: list[Layer],
+) -> None:
+    """Rest at most `count` bodies on a shelf of a piece at a pose (4, 4), beside the layers that are filled."""
+    parts = [(index, number) for number in range(count)]
+    resting = bodies_at_rest(scene, "clutter", parts, _SMALL)
+    fitting = [
+        (body, rest, rng) for body, rest, rng in resting if rest.height < shelf.free
+    ]
+    area = Area(
+        middle=np.array(shelf.middle),
+        half=np.array(shelf.size) / 2,
+        height=shelf.height,
+        spacing=0.01,
+        stacked=0.35 if shelf.free > 0.5 else 0.0,
+        filled=filled,
+    )
+    for placement in arrange(fitting, area):
+        body = placement.body
+        world_from_body = pose @ placement.pose
+        look = body.material(scene.pixel_at(world_from_body[:3, 3], 0.3))
+        scene.add(body.name, body.solid.mesh, look, world_from_body)
 
 
 def _add_windows(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
+    """Add one or two windows where the walls are free, or only low furniture stands."""
     rng = scene.rng("windows")
     sides = rng.permutation(["left", "right", "back"])[: int(rng.integers(1, 3))]
     for index, side in enumerate(sides):

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twinlens.families import lighting
 from twinlens.families.arrangement import Area, arrange, bodies_at_rest
@@ -51,6 +52,7 @@ _DETAIL = 0.7  # texels a pixel: the texels of long strips are several times as 
 _WAYS = (("granite", 0.8), ("chips", 0.7), ("bricks", 1.1), ("speckled", 1.2))
 _PAVINGS = (("tiles", 1.6), ("bricks", 1.0), ("granite", 0.9), ("mosaic", 1.4))
 _LAWNS = (("granite", 0.9), ("speckled", 1.3), ("cloudy", 1.8))
+_GARDEN_WALLS = (("bricks", 0.9), ("granite", 1.2), ("planks", 1.0), ("cloudy", 1.6))
 _ASPHALT = np.array([[0.09, 0.09, 0.095], [0.13, 0.13, 0.13], [0.06, 0.06, 0.065]])
 _PAVING = np.array([[0.32, 0.3, 0.27], [0.24, 0.23, 0.22], [0.4, 0.38, 0.35]])
 _GRASS = np.array([[0.06, 0.11, 0.025], [0.09, 0.15, 0.035], [0.035, 0.07, 0.02]])
@@ -301,12 +303,9 @@ def _add_side(street: _Street, side: _Side) -> None:
         rng = scene.rng("garden wall", side.sign)
         tall = side.wall + 0.3
         sheet = _facing_way(side.sign, off, _BEHIND, last, tall, way.kerb - 0.3)
-        drawn = one_of(
-            rng, [("bricks", 0.9), ("granite", 1.2), ("planks", 1.0), ("cloudy", 1.6)]
-        )
-        _add_surface(
-            scene, "garden-wall", sheet, drawn, wall_colors(rng, scene.palette), 0.2
-        )
+        pattern = one_of(rng, _GARDEN_WALLS)
+        colors = wall_colors(rng, scene.palette)
+        _add_surface(scene, "garden-wall", sheet, pattern, colors, 0.2)
     else:
         _add_row(street, side.sign, off)
     _add_trees(street, side, height)
@@ -364,12 +363,16 @@ def _with_relief(sheet: Sheet, rng: Rng, border: float, steep: float) -> Mesh:
     away = np.clip((np.abs(x) - border) / 8.0, 0, 1)
     vertices = flat.vertices.copy()
     vertices[:, 2] += steep * rise * away**2
+    return replace(flat, vertices=vertices, normals=_normals(vertices, flat.faces))
+
+
+def _normals(vertices: Float, faces: NDArray[np.uint32]) -> Float:
+    """Unit normals (V, 3): means over the faces at a vertex, weighted by their areas."""
     total = np.zeros_like(vertices)
-    cross = shapes.face_cross(vertices, flat.faces)
+    cross = shapes.face_cross(vertices, faces)
     for corner in range(3):
-        np.add.at(total, flat.faces[:, corner], cross)
-    normals = total / np.linalg.norm(total, axis=1, keepdims=True)
-    return replace(flat, vertices=vertices, normals=normals)
+        np.add.at(total, faces[:, corner], cross)
+    return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
 
 
 def _facing_way(
@@ -415,18 +418,16 @@ def _add_trees(
     layers = layers_of(mesh for _, mesh, _ in piece.parts)
     faces = sum(len(mesh.faces) for _, mesh, _ in piece.parts)
     crown = max(piece.floor) / 2
-    # From the trunks to the houses, where the crowns end.
-    free = way.pavement - 0.5 if at_kerb else side.set_back / 2
-    free = max(free, 4.5) if side.wall and not at_kerb else free
+    largest = min(1.0, _room_for_crowns(way, side) / crown / 1.2)
 
     def poses() -> Iterator[Float]:
         for y in street.places(rng):
-            size = float(rng.uniform(0.7, 1.2)) * min(1.0, free / crown / 1.2)
-            x = way.half + 0.45
+            size = float(rng.uniform(0.7, 1.2)) * largest
+            off = way.half + 0.45
             if not at_kerb:
                 most = max(1.0, side.set_back - size * crown)
-                x = way.border + float(rng.uniform(0.6, most))
-            x *= side.sign
+                off = way.border + float(rng.uniform(0.6, most))
+            x = side.sign * off
             turn = rotation([0, 0, 1], float(rng.uniform(0, 360)))
             place = translation([x, y, height(x, y) - 0.03])
             yield place @ turn @ np.diag([size, size, size, 1.0])
@@ -434,6 +435,14 @@ def _add_trees(
     placed = street.stand(layers, poses(), min(count, _FACES_OF_TREES // faces))
     if placed:
         add_thing(scene, piece, placed, ("tree", side.sign))
+
+
+def _room_for_crowns(way: _Way, side: _Side) -> float:
+    """Metres from the trunks of trees to the houses, where the crowns end; behind a wall there is more room."""
+    if not side.set_back:
+        return way.pavement - 0.5
+    free = side.set_back / 2
+    return max(free, 4.5) if side.wall else free
 
 
 def _add_cars(street: _Street) -> None:

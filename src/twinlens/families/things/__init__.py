@@ -108,14 +108,12 @@ THINGS: dict[str, Thing] = {
 
 def things_for(place: str) -> tuple[str, ...]:
     """The names of all things that may be at a place."""
-    return tuple(name for name, thing in THINGS.items() if place in thing.places)
+    return tuple(name for name, row in THINGS.items() if place in row.places)
 
 
 def names_in_scenes() -> frozenset[str]:
     """The names of the objects and materials of all things, without the numbers that may follow."""
-    of_parts = {
-        f"{name}-{part}" for name, thing in THINGS.items() for part in thing.parts
-    }
+    of_parts = {f"{name}-{part}" for name, row in THINGS.items() for part in row.parts}
     return frozenset(of_parts | THINGS.keys())
 
 

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -53,16 +53,16 @@ class Layer:
         moved = self.outline @ pose[:2, :2].T + pose[:2, 3]
         return Layer(scale * self.low + lift, scale * self.high + lift, moved)
 
-    def is_clear_of(self, other: "Layer", spacing: float) -> bool:
+    def is_clear_of(self, neighbour: "Layer", spacing: float) -> bool:
         """Whether the two are above one another, or `spacing` metres apart."""
-        if self.low >= other.high or other.low >= self.high:
+        if self.low >= neighbour.high or neighbour.low >= self.high:
             return True
         # Rectangles around both are compared first, as that is fast.
-        (least, most), (least_other, most_other) = self.bounds, other.bounds
-        apart = np.maximum(least - most_other, least_other - most)
+        (least, most), (least_there, most_there) = self.bounds, neighbour.bounds
+        apart = np.maximum(least - most_there, least_there - most)
         if apart.max() > spacing:
             return True
-        return gap(self.outline, other.outline) > spacing
+        return gap(self.outline, neighbour.outline) > spacing
 
 
 def layers_of(meshes: Iterable[Mesh], count: int = _LAYERS) -> list[Layer]:
@@ -103,9 +103,8 @@ class Ground:
             if not self.holds(layer.outline) or self._depth(layer) < self.nearest:
                 return False
         return all(
-            layer.is_clear_of(other, self.spacing)
-            for layer in layers
-            for other in self.filled
+            layer.is_clear_of(neighbour, self.spacing)
+            for layer, neighbour in product(layers, self.filled)
         )
 
     def _depth(self, layer: Layer) -> float:
