@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.calibrations.test_rig_files import same
+from tests.calibrations.calibration_files import same
 from twinlens.calibrations import read_rig
 from twinlens.errors import FileError
 

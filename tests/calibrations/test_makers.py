@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 import twinlens as tl
-from tests.calibrations.test_rig_files import same, write_ros
+from tests.calibrations.calibration_files import opencv_file, same, write_ros
 from twinlens import geometry
 from twinlens.calibrations import read_rig
 from twinlens.calibrations.reading import LengthWarning
@@ -71,6 +71,8 @@ def as_blocks(values):
 
 MESSAGES = {
     "rostopic echo": (as_flow, "DKRP"),
+    "without a last line": (lambda values: as_flow(values)[: -len("---\n")], "DKRP"),
+    "without a last line end": (lambda values: as_flow(values)[:-1], "dkrp"),
     "ros2 topic echo": (as_blocks, "dkrp"),
     "json": (json.dumps, "dkrp"),
 }
@@ -104,6 +106,14 @@ def test_a_message_of_a_part_of_the_image_is_named(tmp_path):
     names[0].write_text(left.replace("binning_x: 0", "binning_x: 2"))
     with pytest.warns(UserWarning, match=r"left\.yaml: not used: binning_x"):
         read_rig(*names)
+
+
+def test_several_messages_are_one_line(tmp_path):
+    path = tmp_path / "left.yaml"
+    path.write_text(2 * as_flow(message(LEFT, *rectified()[0])))
+    with pytest.raises(FileError, match=r"left\.yaml: holds 2 messages") as caught:
+        read_rig(path, path)
+    assert "\n" not in str(caught.value)
 
 
 def test_exchanged_files_of_ros_are_named(tmp_path):
@@ -193,16 +203,11 @@ def test_a_wrong_file_of_euroc_is_one_line(tmp_path, old, new, what):
 
 def write_opencv_sample(folder):
     """intrinsics.yml and extrinsics.yml as OpenCV's stereo_calib writes them: no size, and T in the board's unit."""
-    tables = {
-        "intrinsics.yml": {"M1": LEFT.K, "D1": np.zeros((1, 5)), "M2": RIGHT.K, "D2": np.zeros((1, 5))},
-        "extrinsics.yml": {"R": TURN, "T": 1e3 * SHIFT},
-    }  # fmt: skip
-    for name, values in tables.items():
-        storage = cv2.FileStorage(str(folder / name), cv2.FILE_STORAGE_WRITE)
-        for key, value in values.items():
-            storage.write(key, value)
-        storage.release()
-    return [str(folder / name) for name in tables]
+    inner, outer = folder / "intrinsics.yml", folder / "extrinsics.yml"
+    none = np.zeros((1, 5))
+    opencv_file(inner, M1=LEFT.K, D1=none, M2=RIGHT.K, D2=none)
+    opencv_file(outer, R=TURN, T=1e3 * SHIFT)
+    return [str(inner), str(outer)]
 
 
 def test_a_rigs_table_states_size_and_unit_of_opencvs_sample(tmp_path):
@@ -215,14 +220,6 @@ def test_a_rigs_table_states_size_and_unit_of_opencvs_sample(tmp_path):
         rig_from_table(table, SCENE, 640, 480)
     with pytest.raises(InputError, match=r"'width' and 'height' .* go together"):
         rig_from_table(table | {"width": 192}, SCENE, 640, 480)
-
-
-def test_a_stated_size_in_a_table_must_be_that_of_the_file(tmp_path):
-    pair = rig_from_table({"baseline": 0.1}, SCENE, 192, 144)
-    tl.write_rig(tmp_path / "rig.yml", pair)
-    table = {"file": str(tmp_path / "rig.yml"), "width": 640, "height": 480}
-    with pytest.raises(InputError, match="192x144 pixels, not the stated 640x480"):
-        rig_from_table(table, SCENE, 640, 480)
 
 
 def test_lengths_that_are_probably_millimetres_are_warned_of(tmp_path):

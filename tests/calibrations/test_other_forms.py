@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import twinlens as tl
+from tests.calibrations.calibration_files import opencv_file, same
 from tests.calibrations.test_reading import (
     LEFT,
     PAIR,
@@ -14,9 +15,7 @@ from tests.calibrations.test_reading import (
     SHIFT,
     TURN,
     intrinsics,
-    opencv_file,
 )
-from tests.calibrations.test_rig_files import same
 from twinlens import geometry
 from twinlens.calibrations import read_rig
 from twinlens.camera import KannalaBrandt, Rig
@@ -76,45 +75,6 @@ def test_two_files_of_opencv_are_cameras_and_a_pose(tmp_path):
     ):
         with pytest.raises(FileError, match=says):
             read_rig(*files)
-
-
-MESSAGE = """header:
-  stamp: {{secs: 5, nsecs: 0}}
-  frame_id: camera
-height: 480
-width: 640
-distortion_model: plumb_bob
-{D}: [-0.2, 0.05, 0.001, 0.0, 0.0]
-{K}: [500.0, 0.0, 320.0, 0.0, 502.0, 240.0, 0.0, 0.0, 1.0]
-{R}: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
-{P}: [450.0, 0.0, 321.0, {shift}, 0.0, 450.0, 239.0, 0.0, 0.0, 0.0, 1.0, 0.0]
-binning_x: 0
-binning_y: 0
-roi: {{x_offset: 0, y_offset: 0, height: 0, width: 0, do_rectify: false}}
-{end}"""
-
-
-@pytest.mark.parametrize("names", ["KDRP", "kdrp"])
-@pytest.mark.parametrize("end", ["", "---\n", "---"])
-def test_camera_info_as_ros_prints_it(tmp_path, names, end):
-    """`rostopic echo -n1` and `ros2 topic echo --once`. P has -fx' B in its last column: B = 54 / 450 m."""
-    keys = {name.upper(): name for name in names}
-    paths = [tmp_path / "left.yaml", tmp_path / "right.yaml"]
-    for path, shift in zip(paths, (0.0, -54.0), strict=True):
-        path.write_text(MESSAGE.format(**keys, shift=shift, end=end))
-    rig = read_rig(*paths).rig
-    assert rig.cameras == (LEFT, LEFT)
-    assert rig.baseline() == pytest.approx(0.12)
-    assert rig.world_from_cams[1][0, 3] == pytest.approx(0.12)
-
-
-def test_several_messages_are_one_line(tmp_path):
-    path = tmp_path / "left.yaml"
-    text = MESSAGE.format(K="K", D="D", R="R", P="P", shift=0.0, end="---\n")
-    path.write_text(2 * text)
-    with pytest.raises(FileError, match=r"left\.yaml: holds 2 messages") as caught:
-        read_rig(path, path)
-    assert "\n" not in str(caught.value)
 
 
 FRAME = {"file_path": "a.png", "transform_matrix": np.eye(4).tolist()}

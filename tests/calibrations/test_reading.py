@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 import twinlens as tl
-from tests.calibrations.test_rig_files import KALIBR, same, write_ros
+from tests.calibrations.calibration_files import (
+    KALIBR,
+    opencv_file,
+    same,
+    write_ros,
+)
 from twinlens import geometry
 from twinlens.calibrations import read_rig, rig_table
 from twinlens.camera import BrownConrady, Camera, KannalaBrandt, Rig
@@ -21,14 +26,6 @@ SHIFT = np.array([-0.12, 0.003, 0.001])
 PAIR = Rig([LEFT, RIGHT], [np.eye(4), geometry.inverse(geometry.rigid(TURN, SHIFT))])
 POSE = geometry.look_at([1, 2, 3], [4, 5, 3.5])
 SCENE = Scene("stage", (), {}, POSE, (1.0, 3.0))
-
-
-def opencv_file(path, **values):
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-    for name, value in values.items():
-        storage.write(name, value)
-    storage.release()
-    return path
 
 
 def intrinsics():

@@ -7,6 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tests.calibrations.calibration_files import (
+    KALIBR,
+    opencv_file,
+    same,
+    write_ros,
+)
 from tests.rigs import DISTORTIONS, random_rig
 from twinlens import geometry
 from twinlens.camera import BrownConrady, Camera, KannalaBrandt, Rig
@@ -39,14 +45,6 @@ def rig():
     return Rig(cameras, made.world_from_cams)
 
 
-def same(a, b):
-    for mine, its in zip(a.cameras, b.cameras, strict=True):
-        assert (mine.width, mine.height) == (its.width, its.height)
-        assert mine.distortion == its.distortion
-        assert pytest.approx(its.K, abs=1e-12) == mine.K
-    assert np.allclose(a.world_from_cams, b.world_from_cams, rtol=0, atol=1e-12)
-
-
 def test_colmap_round_trip(rig, tmp_path):
     write_colmap(tmp_path, rig, ["a.png", "b/c d.png", "e", "f"])
     back = read_colmap(tmp_path)
@@ -76,16 +74,13 @@ def test_opencv_reads_our_file_and_we_read_its(rig, tmp_path):
     )
     ours, theirs = tmp_path / "ours.yml", tmp_path / "theirs.yml"
     write_opencv(ours, pair)
-    source, target = (
-        cv2.FileStorage(str(ours), cv2.FILE_STORAGE_READ),
-        cv2.FileStorage(str(theirs), cv2.FILE_STORAGE_WRITE),
-    )
-    for name in ("M1", "D1", "M2", "D2", "R", "T"):
-        target.write(name, source.getNode(name).mat())
-    assert np.array_equal(source.getNode("M2").mat(), pair.cameras[1].K)
-    assert np.allclose(source.getNode("T").mat()[:, 0], pair.b_from_a(0, 1)[:3, 3])
+    source = cv2.FileStorage(str(ours), cv2.FILE_STORAGE_READ)
+    names = ("M1", "D1", "M2", "D2", "R", "T")
+    values = {name: source.getNode(name).mat() for name in names}
     source.release()
-    target.release()
+    assert np.array_equal(values["M2"], pair.cameras[1].K)
+    assert np.allclose(values["T"][:, 0], pair.b_from_a(0, 1)[:3, 3])
+    opencv_file(theirs, **values)
     back = read_opencv(theirs, size=(640, 480))
     same(Rig(pair.cameras, [np.eye(4), pair.b_from_a(1, 0)]), back)
 
@@ -101,19 +96,14 @@ def test_files_that_opencv_writes_are_read(rig, tmp_path, suffix, names):
     )
     second_from_first = pair.b_from_a(0, 1)
     inside, outside = (tmp_path / f"{name}.{suffix}" for name in ("in", "ex"))
-    storage = cv2.FileStorage(str(inside), cv2.FILE_STORAGE_WRITE)
+    size = {"image_width": 640, "image_height": 480, "camera_name": "the left one"}
+    tables = {}
     for i, camera in enumerate(pair.cameras, 1):
-        storage.write(f"{names[0]}{i}", camera.K)
-        coefficients = np.array([camera.distortion.coefficients])
-        storage.write(f"{names[1]}{i}", coefficients)
-    storage.write("image_width", pair.cameras[0].width)
-    storage.write("image_height", pair.cameras[0].height)
-    storage.write("camera_name", "the left one")
-    storage.release()
-    storage = cv2.FileStorage(str(outside), cv2.FILE_STORAGE_WRITE)
-    storage.write("R", second_from_first[:3, :3].copy())
-    storage.write("T", second_from_first[:3, 3:].copy())
-    storage.release()
+        tables[f"{names[0]}{i}"] = camera.K
+        tables[f"{names[1]}{i}"] = np.array([camera.distortion.coefficients])
+    opencv_file(inside, **tables, **size)
+    pose = second_from_first[:3]
+    opencv_file(outside, R=pose[:, :3].copy(), T=pose[:, 3:].copy())
     back = read_opencv(inside, extrinsics=outside)
     same(Rig(pair.cameras, [np.eye(4), pair.b_from_a(1, 0)]), back)
 
@@ -166,47 +156,6 @@ def test_a_ros_pair_is_the_rig_that_opencv_rectified(tmp_path):
     same(wanted, read_ros(tmp_path / "left.yaml", tmp_path / "right.yaml"))
     with pytest.raises(FileError, match=r"left\.yaml: .* has no baseline"):
         read_ros(tmp_path / "right.yaml", tmp_path / "left.yaml")
-
-
-def write_ros(path, camera, rectification, projection):
-    """A file of ROS's camera_calibration, as that program writes it."""
-    coefficients = [*camera.distortion.coefficients][:5]
-
-    def rows(name, array):
-        array = np.asarray(array)
-        data = ", ".join(map(repr, array.ravel().tolist()))
-        return f"{name}:\n  rows: {array.shape[0]}\n  cols: {array.shape[1]}\n  data: [{data}]\n"
-
-    path.write_text(
-        f"image_width: {camera.width}\nimage_height: {camera.height}\ncamera_name: narrow_stereo\n"
-        + rows("camera_matrix", camera.K)
-        + "distortion_model: plumb_bob\n"
-        + rows("distortion_coefficients", [coefficients])
-        + rows("rectification_matrix", rectification)
-        + rows("projection_matrix", projection)
-    )
-
-
-KALIBR = """cam0:
-  cam_overlaps: [1]
-  camera_model: pinhole
-  distortion_coeffs: [-0.28, 0.07, 0.0002, 1.7e-05]
-  distortion_model: radtan
-  intrinsics: [458.654, 457.296, 367.215, 248.375]
-  resolution: [752, 480]
-  rostopic: /cam0/image_raw
-cam1:
-  T_cn_cnm1:
-  - [0.99999, -0.0017, -0.0040, -0.11]
-  - [0.0017, 0.99999, 0.0010, 0.0004]
-  - [0.0040, -0.0010, 0.99999, -0.0008]
-  - [0.0, 0.0, 0.0, 1.0]
-  camera_model: pinhole
-  distortion_coeffs: [-0.01, 0.02, -0.003, 0.001]
-  distortion_model: equidistant
-  intrinsics: [457.587, 456.134, 379.999, 255.238]
-  resolution: [752, 480]
-"""
 
 
 def test_a_kalibr_chain_is_read(tmp_path):

@@ -1,10 +1,9 @@
 """From the calibration file of a rig that is not rectified to a dataset that a matcher can use.
 
-By the commands of docs/rigs.md alone, with the same rig in the files of four programs; a pair that is rectified
-already, and fisheyes.
+By the commands of docs/rigs.md alone; also a pair that is rectified already, and fisheyes. The same rig in the files of
+other programs is in tests/calibrations.
 """
 
-import json
 import shlex
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 
 import twinlens as tl
+from tests.calibrations.calibration_files import opencv_file
 from tests.docs.pages import blocks
 
 PAGE = Path(__file__).parents[2] / "docs" / "rigs.md"
@@ -30,118 +30,37 @@ FEW = ["--spp", "2", "--no-denoise"]
 
 
 def write_opencv(folder):
-    storage = cv2.FileStorage(str(folder / "stereo.yml"), cv2.FILE_STORAGE_WRITE)
-    for name, value in {"M1": K[0], "D1": D, "M2": K[1], "D2": D}.items():
-        storage.write(name, value)
-    storage.write("R", TURN)
-    storage.write("T", SHIFT)
-    storage.write("image_width", SIZE[0])
-    storage.write("image_height", SIZE[1])
-    storage.release()
-    return ["stereo.yml"]
+    """stereo.yml, which the page names."""
+    cameras = {"M1": K[0], "D1": D, "M2": K[1], "D2": D}
+    size = {"image_width": SIZE[0], "image_height": SIZE[1]}
+    opencv_file(folder / "stereo.yml", **cameras, R=TURN, T=SHIFT, **size)
 
 
-def write_kalibr(folder):
-    """A camchain: intrinsics [fx, fy, cx, cy], and the pose of cam0 in cam1."""
-    second_from_first = np.eye(4)
-    second_from_first[:3] = np.hstack([TURN, SHIFT])
-    text = ""
-    for i, matrix in enumerate(K):
-        values = [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]]
-        text += (
-            f"cam{i}:\n  camera_model: pinhole\n  distortion_model: radtan\n"
-            f"  distortion_coeffs: {D[0, :4].tolist()}\n"
-            f"  intrinsics: {np.array(values).tolist()}\n  resolution: {list(SIZE)}\n"
-        )
-    text += f"  T_cn_cnm1: {second_from_first.tolist()}\n"
-    (folder / "camchain.yaml").write_text(text)
-    return ["camchain.yaml"]
-
-
-def write_ros(folder):
-    """The camera_info of both cameras, with the rectification of OpenCV's stereo calibration."""
-    r1, r2, p1, p2, *_ = cv2.stereoRectify(K[0], D, K[1], D, SIZE, TURN, SHIFT)
-    for name, matrix, turn, projection in (("left", K[0], r1, p1), ("right", K[1], r2, p2)):  # fmt: skip
-        tables = {
-            "camera_matrix": matrix,
-            "distortion_coefficients": D,
-            "rectification_matrix": turn,
-            "projection_matrix": projection,
-        }
-        text = f"image_width: {SIZE[0]}\nimage_height: {SIZE[1]}\ncamera_name: {name}\ndistortion_model: plumb_bob\n"
-        for key, table in tables.items():
-            rows, columns = table.shape
-            text += f"{key}:\n  rows: {rows}\n  cols: {columns}\n  data: {table.ravel().tolist()}\n"
-        (folder / f"{name}.yaml").write_text(text)
-    return ["left.yaml", "right.yaml"]
-
-
-def write_nerf(folder):
-    """transforms.json: world_from_cam with y up and z backward, pixel centres at 0.5, the fields of OpenCV."""
-    first_from_second = np.eye(4)
-    first_from_second[:3] = np.hstack([TURN.T, -TURN.T @ SHIFT])
-    frames = []
-    for name, matrix, pose in (
-        ("left.png", K[0], np.eye(4)),
-        ("right.png", K[1], first_from_second),
-    ):
-        frames.append(
-            {
-                "file_path": name,
-                "w": SIZE[0],
-                "h": SIZE[1],
-                "fl_x": matrix[0, 0],
-                "fl_y": matrix[1, 1],
-                "cx": matrix[0, 2] + 0.5,
-                "cy": matrix[1, 2] + 0.5,
-                **dict(zip(("k1", "k2", "p1", "p2"), D[0].tolist(), strict=False)),
-                "transform_matrix": (pose @ np.diag([1.0, -1, -1, 1])).tolist(),
-            }
-        )
-    table = {"camera_model": "OPENCV", "frames": frames}
-    (folder / "transforms.json").write_text(json.dumps(table))
-    return ["transforms.json"]
-
-
-def commands(files):
-    """The commands of the page, with these files in the place of stereo.yml."""
+def commands():
+    """The commands of the page."""
     (text,) = (text for _, text in blocks(PAGE, "sh") if "stereo.yml" in text)
     for line in text.splitlines():
         _, *words = shlex.split(line, comments=True)
-        if "stereo.yml" in words:
-            at = words.index("stereo.yml")
-            option = words[at - 1]
-            again = [word for file in files for word in (option, file)]
-            words[at - 1 : at + 1] = again
         yield words
 
 
-def write_recipe(folder, files, more=SMALL, count=1):
-    """The recipe of the page with these files, smaller: every random scene compiles kernels of its own."""
+def write_recipe(folder, file="stereo.yml", more=SMALL, count=1):
+    """The recipe of the page, smaller: every random scene compiles kernels of its own."""
     recipe = next(text for _, text in blocks(PAGE, "toml") if "seed = " in text)
     assert 'file = "stereo.yml"' in recipe
     recipe = recipe.replace("count = 2", f"count = {count}")
-    recipe = recipe.replace('"stereo.yml"', json.dumps(files)).replace(
-        "[rig]", f"width = {SIZE[0]}\nheight = {SIZE[1]}\n{more}[rig]"
-    )
+    recipe = recipe.replace("stereo.yml", file)
+    size = f"width = {SIZE[0]}\nheight = {SIZE[1]}\n"
+    recipe = recipe.replace("[rig]", f"{size}{more}[rig]")
     (folder / "calibrated.toml").write_text(recipe)
 
 
-@pytest.mark.parametrize(
-    "write",
-    [
-        write_opencv,
-        pytest.param(write_kalibr, marks=pytest.mark.slow),
-        pytest.param(write_ros, marks=pytest.mark.slow),
-        pytest.param(write_nerf, marks=pytest.mark.slow),
-    ],
-)
-def test_from_a_calibration_to_rectified_pairs(twinlens, tmp_path, monkeypatch, write):
+def test_from_a_calibration_to_rectified_pairs(twinlens, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    files = write(tmp_path)
-    write_recipe(tmp_path, files)
+    write_opencv(tmp_path)
+    write_recipe(tmp_path)
     said = {}
-    for words in commands(files):
+    for words in commands():
         few = FEW if words[0] == "render" else []
         code, out, err = twinlens(*words, *few)
         assert code == 0, out + err
@@ -149,8 +68,8 @@ def test_from_a_calibration_to_rectified_pairs(twinlens, tmp_path, monkeypatch, 
     assert "128x96 pixels" in said["cameras"]
     assert "0.11009" in said["cameras"]  # |T|, metres
     assert "Not a rectified pair" in said["cameras"]
-    # The other programs' files name the model of the distortion.
-    assert ("cv2.fisheye" in said["cameras"]) == (write is write_opencv)
+    # The file does not name the model of its distortion.
+    assert "cv2.fisheye" in said["cameras"]
     assert "twinlens rectify shown" in said["render"]
     assert "twinlens rectify made" in said["generate"]
     assert "sgm" in said["benchmark"]
@@ -185,7 +104,7 @@ cam1:
 def test_a_calib_txt_needs_no_rectification(twinlens, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("calib.txt").write_text(CALIB)
-    write_recipe(tmp_path, ["calib.txt"])
+    write_recipe(tmp_path, "calib.txt")
     code, out, err = twinlens("generate", "calibrated.toml", "-o", "made")
     assert code == 0, err
     assert "rectify" not in out + err
@@ -204,7 +123,7 @@ def test_fisheyes_that_see_each_other_become_a_pair(twinlens, tmp_path, monkeypa
     """Of 155 degrees, as a camchain of Kalibr: each sees the other at its edge."""
     monkeypatch.chdir(tmp_path)
     Path("camchain.yaml").write_text(FISHEYE)
-    write_recipe(tmp_path, ["camchain.yaml"])
+    write_recipe(tmp_path, "camchain.yaml")
     assert twinlens("generate", "calibrated.toml", "-o", "made")[0] == 0
     code, _, err = twinlens("rectify", "made", "-o", "rectified", "--fit", "opencv")
     assert code == 2
@@ -255,10 +174,10 @@ def test_semi_global_matching_of_rectified_pairs_has_no_bias(
     monkeypatch.setattr(f"{__name__}.SIZE", (320, 240))
     scaled = tuple(np.diag([2.5, 2.5, 1]) @ matrix for matrix in K)
     monkeypatch.setattr(f"{__name__}.K", scaled)
-    files = write_opencv(tmp_path)
+    write_opencv(tmp_path)
     more = 'spp = 16\nsensor = { mismatch = "none" }\n'
-    write_recipe(tmp_path, files, more, count=2)
-    for words in list(commands(files))[2:4]:
+    write_recipe(tmp_path, more=more, count=2)
+    for words in list(commands())[2:4]:
         code, out, err = twinlens(*words)
         assert code == 0, out + err
     errors = []

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from tests.calibrations.calibration_files import KALIBR
 from tests.calibrations.test_colmap_binary import MODEL as COLMAP
 from tests.calibrations.test_makers import EUROC_LEFT, EUROC_RIGHT, write_euroc
 from tests.calibrations.test_reading import (
@@ -27,7 +28,6 @@ from tests.calibrations.test_reading import (
     intrinsics,
     opencv_file,
 )
-from tests.calibrations.test_rig_files import KALIBR
 from tests.dataset.test_calib import MOTORCYCLE
 from tests.scenes.gltf_files import png, square, write, write_colored
 from tests.scenes.test_gltf_forms import BASISU, KTX2, with_picture
