@@ -20,7 +20,7 @@ SURROUNDINGS = {"table", "wall", "floor", "key-light", "fill-light", "sun"}
 
 
 def compose_bare(family, seed, **options):
-    """The scene of a seed with patterns of one texel: its places, shapes, names and lamps, in a tenth of the time."""
+    """The scene of a seed with patterns of one texel: its places, shapes and lamps, in less time."""
     grey = np.full((1, 1, 3), 0.5, dtype=np.float32)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(surfaces, "bake", lambda *_: grey.copy())

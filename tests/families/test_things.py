@@ -17,7 +17,7 @@ from twinlens.scenes.shapes import merged
 PLACES = {"table", "floor", "wall", "outdoors", "street", "hangs"}
 SHEETS = {"leaf"}  # both sides of a blade, without its edge
 ROOTED = {"tree"}  # in the ground
-SEEDS = range(20)
+SEEDS = range(12)
 
 
 def pieces(name, seeds=SEEDS):
