@@ -31,11 +31,12 @@ ROW = 0  # the slot of the horizontal path
 
 
 @inlined
-def step(slots, at, before, cost, penalty, least, jump):
+def step(slots, at, before, cost, penalty, least, jump, new):
     """Replace a path's costs L' in LANES slots by those of its next pixel, cost + detour.
 
-    The detour, at most P2, is min(L', L'(d - 1) + P1, L'(d + 1) + P1, min L' + P2) - min L'. `before` holds L'(d - 1).
-    Returns the detour, the lowest of the new costs, and `before` of the next LANES slots.
+    The detour, at most P2, is min(L', L'(d - 1) + P1, L'(d + 1) + P1, min L' + P2) - min L'. `before` holds L'(d - 1),
+    `new` the minimum of L over the candidates before these. Returns the detour, and `before` and `new` of the next
+    LANES slots.
     """
     # Neighbouring disparities are neighbouring numbers of the slot, so L'(d + 1) is an unaligned load; L'(d - 1) was
     # loaded before the previous step overwrote it.
@@ -43,7 +44,7 @@ def step(slots, at, before, cost, penalty, least, jump):
     detour = min(min(load(slots, at), near), splat(jump)) - splat(least)
     following = load(slots, at + LANES - 1)
     store(slots, at, cost + detour)
-    return detour, lowest(cost + detour), following
+    return detour, following, min(new, lowest(cost + detour))
 
 
 def slot_count(height: int, width: int) -> int:
@@ -78,70 +79,85 @@ def sum_of_paths(detours, other_detours, cost, path_count, sums):
 
 
 @inlined
-def sweep_row(volumes, paths, totals, span, penalties, directions, y, r):
-    """Carry all paths of a sweep through its row y, which is row r of the volumes.
+def sweep_pixel(
+    volumes, paths, totals, depth, penalties, directions, at, u, slots_here
+):
+    """Carry all paths of a sweep through one pixel, whose costs begin at `at`; u is its column in the volumes.
 
-    volumes, paths, penalties: see `sweep_kernel`. totals: (sums, fence, path_count). directions: (turned, finish,
-    diagonals). The paths advance together, one chunk of candidates at a time, so that each cost is loaded once.
+    slots_here: as of `slots_of_pixel`. The paths advance together, one chunk of candidates at a time, so that each cost
+    is loaded once.
     """
     costs, kept = volumes
     slots, minima = paths
     sums, fence, path_count = totals
-    _, _, height, width, depth = span
     small, large = penalties
-    turned, finish, diagonals = directions
+    _, finish, diagonals = directions
+    column, right, left = slots_here
     dtype = costs.dtype.type
-    top = dtype(np.iinfo(costs.dtype).max)
     pitch = depth + GUARD
+    # Paths 0 to 3 are horizontal, vertical, and the diagonals to the right and to the left.
+    # place: where the slot's costs begin in `slots`.
+    place0, place1 = GUARD, GUARD + column * pitch
+    place2, place3 = GUARD + right * pitch, GUARD + left * pitch
+    # least: min L'. jump: min L' + P2, above which no path's cost can jump.
+    least0, least1 = minima[ROW], minima[column]
+    least2, least3 = minima[right], minima[left]
+    jump0, jump1 = dtype(least0 + large), dtype(least1 + large)
+    jump2, jump3 = dtype(least2 + large), dtype(least3 + large)
+    # before: L'(d - 1). Before the first chunk it is a guard number, which is too large to come from.
+    before0, before1 = load(slots, place0 - 1), load(slots, place1 - 1)
+    before2 = before3 = before1
+    if diagonals:
+        before2, before3 = load(slots, place2 - 1), load(slots, place3 - 1)
+    # new: the minimum of L over the chunks so far.
+    new0 = new1 = new2 = new3 = dtype(np.iinfo(costs.dtype).max)
+    for chunk in range(0, depth, LANES):
+        cost = load(costs, at + chunk)
+        detours, before0, new0 = step(
+            slots, place0 + chunk, before0, cost, small, least0, jump0, new0
+        )
+        detour, before1, new1 = step(
+            slots, place1 + chunk, before1, cost, small, least1, jump1, new1
+        )
+        detours = detours + detour
+        if diagonals:
+            detour, before2, new2 = step(
+                slots, place2 + chunk, before2, cost, small, least2, jump2, new2
+            )
+            detours = detours + detour
+            detour, before3, new3 = step(
+                slots, place3 + chunk, before3, cost, small, least3, jump3, new3
+            )
+            detours = detours + detour
+        if finish:
+            of_other_sweep = load(kept, at + chunk)
+            total = sum_of_paths(detours, of_other_sweep, cost, path_count, sums)
+            store(sums, u * depth + chunk, max(total, load(fence, chunk)))
+        else:
+            store(kept, at + chunk, detours)
+    minima[ROW], minima[column] = new0, new1
+    if diagonals:
+        minima[right], minima[left] = new2, new3
+
+
+@inlined
+def sweep_row(volumes, paths, totals, span, penalties, directions, y, r):
+    """Carry all paths of a sweep through its row y, which is row r of the volumes.
+
+    volumes, paths, penalties: see `sweep_kernel`. totals: (sums, fence, path_count). directions: (turned, finish,
+    diagonals).
+    """
+    slots, minima = paths
+    _, _, height, width, depth = span
+    turned, _, _ = directions
     start_row(slots, minima, depth)
     for x in range(width):
         u = width - 1 - x if turned else x
         at = (r * width + u) * depth
-        column, right, left = slots_of_pixel(x, y, height, width)
-        # Paths 0 to 3 are horizontal, vertical, and the diagonals to the right and to the left.
-        # place: where the slot's costs begin in `slots`.
-        place0, place1 = GUARD, GUARD + column * pitch
-        place2, place3 = GUARD + right * pitch, GUARD + left * pitch
-        # least: min L'. jump: min L' + P2, above which no path's cost can jump.
-        least0, least1 = minima[ROW], minima[column]
-        least2, least3 = minima[right], minima[left]
-        jump0, jump1 = dtype(least0 + large), dtype(least1 + large)
-        jump2, jump3 = dtype(least2 + large), dtype(least3 + large)
-        # before: L'(d - 1). Before the first chunk it is a guard number, which is too large to come from.
-        before0, before1 = load(slots, place0 - 1), load(slots, place1 - 1)
-        before2 = before3 = before1
-        if diagonals:
-            before2, before3 = load(slots, place2 - 1), load(slots, place3 - 1)
-        # new: the minimum of L over the chunks so far.
-        new0 = new1 = new2 = new3 = top
-        for chunk in range(0, depth, LANES):
-            cost = load(costs, at + chunk)
-            detours, least, before0 = step(
-                slots, place0 + chunk, before0, cost, small, least0, jump0
-            )
-            new0 = min(new0, least)
-            detour, least, before1 = step(
-                slots, place1 + chunk, before1, cost, small, least1, jump1
-            )
-            new1, detours = min(new1, least), detours + detour
-            if diagonals:
-                detour, least, before2 = step(
-                    slots, place2 + chunk, before2, cost, small, least2, jump2
-                )
-                new2, detours = min(new2, least), detours + detour
-                detour, least, before3 = step(
-                    slots, place3 + chunk, before3, cost, small, least3, jump3
-                )
-                new3, detours = min(new3, least), detours + detour
-            if finish:
-                of_other_sweep = load(kept, at + chunk)
-                total = sum_of_paths(detours, of_other_sweep, cost, path_count, sums)
-                store(sums, u * depth + chunk, max(total, load(fence, chunk)))
-            else:
-                store(kept, at + chunk, detours)
-        minima[ROW], minima[column] = new0, new1
-        if diagonals:
-            minima[right], minima[left] = new2, new3
+        slots_here = slots_of_pixel(x, y, height, width)
+        sweep_pixel(
+            volumes, paths, totals, depth, penalties, directions, at, u, slots_here
+        )
 
 
 @functools.cache

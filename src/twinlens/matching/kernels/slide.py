@@ -132,12 +132,12 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
                 for x in range(padded):
                     # Candidate j of the padded column x is `x` places before that of column 0 in the reversed image.
                     here, there = new_left + x, new_right + chunk - x
+                    gained = pixel_term(term, left, here, right, there, columns)
                     if side == 1:
-                        total = pixel_term(term, left, here, right, there, columns)
+                        total = gained
                     else:
                         # The sum of the column gains the row below, and loses the row above from the second on.
                         enters, leaves = base + (x + side) * LANES, base + x * LANES
-                        gained = pixel_term(term, left, here, right, there, columns)
                         column = load(columns, enters) + gained
                         if y > 0:
                             here, there = old_left + x, old_right + chunk - x
