@@ -68,10 +68,10 @@ def read_rig(
     Poses are world_from_cam, where the world is the first camera's frame unless the file has one. Raises FileError for
     a file that is none of these, or not valid.
     """
-    own = [Path(path) for path in paths if Path(path).suffix.lower() == ".toml"]
-    if own and len(paths) > 1:
-        raise FileError(f"{own[0]}: a rig in a .toml file has no second file")
-    calibration = named_files(own[0]) if own else None
+    rig_files = [Path(path) for path in paths if Path(path).suffix.lower() == ".toml"]
+    if rig_files and len(paths) > 1:
+        raise FileError(f"{rig_files[0]}: a rig in a .toml file has no second file")
+    calibration = named_files(rig_files[0]) if rig_files else None
     if calibration is not None:
         inner, stated = calibration
         settings = {"size": size, "length_unit": length_unit, "fisheye": fisheye}

@@ -74,8 +74,8 @@ def _camera_of(table: Any) -> Camera:
         raise InputError("must be a table")
     if missing := [key for key in _CAMERA if key not in table]:
         raise InputError(f"has no {missing[0]}; {_NEEDED}")
-    known = {*(field.name for field in fields(Camera)), *_POSES}
-    if others := sorted(table.keys() - known):
+    allowed = {*(field.name for field in fields(Camera)), *_POSES}
+    if others := sorted(table.keys() - allowed):
         raise InputError(f"has {others[0]!r}; {_NEEDED}")
     values = {key: value for key, value in table.items() if key not in _POSES}
     if "distortion" in values:

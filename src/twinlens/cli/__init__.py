@@ -113,6 +113,18 @@ def console() -> None:
     sys.exit(code)
 
 
+_ERRORS_OF_FILES = {
+    errno.ENOSPC,
+    errno.EROFS,
+    errno.EACCES,
+    errno.EPERM,
+    errno.EDQUOT,
+    errno.ENAMETOOLONG,
+    errno.ELOOP,
+}
+"""Errors of the operating system that a user can mend: a full disk, missing rights, a path that cannot be."""
+
+
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code. An error becomes one line on the error stream."""
     try:
@@ -124,44 +136,41 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except click.exceptions.NoArgsIsHelpError as help_page:
         help_page.show()
         return 2
-    except click.MissingParameter as error:
-        meaning = getattr(error.param, "help", None)
-        return _report_error(
-            error.format_message().rstrip(".") + (f": {meaning}" if meaning else ""), 2
-        )
-    except click.ClickException as error:
-        return _report_error(error.format_message(), 2)
-    except TwinlensError as error:
-        return _report_error(str(error), error.exit_code)
-    except MemoryError as error:
-        return _report_error(f"not enough memory ({error}); make the images smaller", 2)
     except BrokenPipeError:
         # The reader has closed the pipe; Python's flush at the exit would fail again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except OSError as error:
-        if error.errno in (
-            errno.ENOSPC,
-            errno.EROFS,
-            errno.EACCES,
-            errno.EPERM,
-            errno.EDQUOT,
-            errno.ENAMETOOLONG,
-            errno.ELOOP,
-        ):
-            return _report_error(f"{error.filename or 'output'}: {error.strerror}", 2)
-        raise
-    except (KeyboardInterrupt, click.Abort) as error:
-        # click wraps the interrupt, whose text says what is kept.
-        cause = error if isinstance(error, KeyboardInterrupt) else error.__cause__
-        return _report_error(
-            "; ".join(filter(None, ("interrupted", str(cause or "")))), INTERRUPTED
-        )
-    except RuntimeError as error:
-        if not is_interrupt(error):
+    except (Exception, KeyboardInterrupt) as error:
+        line = _line_of(error)
+        if line is None:
             raise
-        return _report_error("interrupted", INTERRUPTED)
+        return _report_error(*line)
     return result if isinstance(result, int) else 0
+
+
+def _line_of(error: BaseException) -> tuple[str, int] | None:
+    """What an error says in one line, and the exit code; None for a bug, which keeps its traceback."""
+    match error:
+        case click.MissingParameter():
+            message = error.format_message().rstrip(".")
+            meaning = getattr(error.param, "help", None)
+            return f"{message}: {meaning}" if meaning else message, 2
+        case click.ClickException():
+            return error.format_message(), 2
+        case TwinlensError():
+            return str(error), error.exit_code
+        case MemoryError():
+            return f"not enough memory ({error}); make the images smaller", 2
+        case OSError() if error.errno in _ERRORS_OF_FILES:
+            return f"{error.filename or 'output'}: {error.strerror}", 2
+        case KeyboardInterrupt() | click.Abort():
+            # click wraps the interrupt, whose text says what is kept.
+            is_wrapped = not isinstance(error, KeyboardInterrupt)
+            text = str((error.__cause__ if is_wrapped else error) or "")
+            return f"interrupted; {text}" if text else "interrupted", INTERRUPTED
+        case RuntimeError() if is_interrupt(error):
+            return "interrupted", INTERRUPTED
+    return None
 
 
 @contextmanager

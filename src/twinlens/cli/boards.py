@@ -76,25 +76,19 @@ def run_board(
     before anything is written, if another run writes there.
     """
     maps, right_maps = map_folders(output)
-    skipped: set[tuple[str, str]] = set()
-    finished: list[str] = []
+    steps = _Steps()
     with locked(output):
         check_results(output, "board.json")
-        with progress_bar("matching") as report, _note(output, finished):
+        with progress_bar("matching") as report, _note(output, steps.finished):
 
             def drop(method: str, sample: str) -> None:
                 maps.drop(method, sample)
                 right_maps.drop(method, sample)
 
             def progress(step: scoring.Step) -> None:
-                report(
-                    step.done / (step.total or step.done),
-                    f"{step.sample}: {step.method}",
-                )
-                if step.skipped:
-                    skipped.add((step.method, step.sample))
-                else:
-                    finished.append(step.sample)
+                done = step.done / (step.total or step.done)
+                report(done, f"{step.sample}: {step.method}")
+                steps.add(step)
 
             board = scoring.run_benchmark(
                 pairs, methods, protocol=protocols, regions=regions, progress=progress, save=output / "board.json",
@@ -107,8 +101,22 @@ def run_board(
             output / "index.html", board, pairs, maps, right_maps=right_maps,
             **page_options(board),
         )  # fmt: skip
-    _print_kept_failures(board, skipped)
+    _print_kept_failures(board, steps.skipped)
     return board
+
+
+class _Steps:
+    """What a run did: `finished`, the sample of each match; `skipped`, (method, sample) of earlier matches."""
+
+    def __init__(self) -> None:
+        self.finished: list[str] = []
+        self.skipped: set[tuple[str, str]] = set()
+
+    def add(self, step: scoring.Step) -> None:
+        if step.skipped:
+            self.skipped.add((step.method, step.sample))
+        else:
+            self.finished.append(step.sample)
 
 
 def _print_kept_failures(board: scoring.Board, skipped: set[tuple[str, str]]) -> None:

@@ -21,6 +21,7 @@ from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Place, StoredSample, open_pair, place, write_png
 from twinlens.dataset.files import write_file
 from twinlens.errors import FileError, check_int, located
+from twinlens.geometry import Float
 from twinlens.geometry.epipolar import sampson_distance
 from twinlens.matching import CostCurve, cost_curve, parse_method
 from twinlens.report.confidence_picture import confidence_picture
@@ -102,42 +103,56 @@ def epipolar(
     _check_calibrated(stored)
     rig = stored.rig
     a, b = parse_pair(cameras, sample, len(rig))
-    all_off = None
+    features = None
     if stored.has_truth(a) or stored.has_disparity(0):
         here, there = true_matches(stored, a, b, points)
     else:
         with progress_bar("matching features"):
-            here, there, all_off, disparities = found_matches(stored, a, b, points)
-    write_png(
-        output,
-        epipolar_picture((stored.image(a), stored.image(b)), rig, here, there, a, b),
-    )
+            here, there, distances, disparities = found_matches(stored, a, b, points)
+        features = distances, disparities
+    images = stored.image(a), stored.image(b)
+    write_png(output, epipolar_picture(images, rig, here, there, a, b))
     F = fundamental_matrix(rig, a, b)
-    off = sampson_distance(
-        F, ideal_pixels(rig.cameras[a], here), ideal_pixels(rig.cameras[b], there)
-    )
+    ideal_here = ideal_pixels(rig.cameras[a], here)
+    off = sampson_distance(F, ideal_here, ideal_pixels(rig.cameras[b], there))
     record = {
         "picture": str(output), "cameras": [a, b], "points": {"a": here, "b": there},
         "off_px": off, "fundamental_matrix": F, "epipoles": epipoles(rig, a, b),
     }  # fmt: skip
-    most = _pixels(float(off.max()))
-    text = f"{output}: {len(here)} true matches, at most {most} px off their epipolar lines"
-    if all_off is not None:
-        quantiles = np.percentile(all_off, (50, 90)).tolist()
-        features = {"matches": len(all_off), "off_px": quantiles}
-        record["features"] = features
-        half, most = map(_pixels, quantiles)
-        text = (
-            f"{output}: {len(here)} of {len(all_off)} matches of features, without truth; "
-            f"half are at most {half} px off their epipolar lines, 90 % at most {most} px"
-        )
-        if rig.is_rectified(a, b):
-            low, high = np.percentile(disparities, (5, 95)).tolist()
-            features["disparity_px"] = [low, high]
-            text += f"; 90 % have disparities from {low:.1f} to {high:.1f} px"
-            if doubt := doubt_of_order(disparities, 0.0):
-                warnings.warn(f"{stored.folder}: {doubt}", stacklevel=2)
-    print_result(as_json, record, text)
+    if features is None:
+        most = _pixels(float(off.max()))
+        text = f"{len(here)} true matches, at most {most} px off their epipolar lines"
+    else:
+        record["features"], text = _features(stored, a, b, len(here), *features)
+    print_result(as_json, record, f"{output}: {text}")
+
+
+def _features(
+    stored: StoredSample,
+    a: int,
+    b: int,
+    shown: int,
+    off: Float,
+    disparities: Float,
+) -> tuple[dict[str, Any], str]:
+    """What `epipolar` prints of a pair without truth: the record of all matches of features, and its text.
+
+    shown : number of the matches in the picture. off, disparities : of all matches, in pixels.
+    """
+    quantiles = np.percentile(off, (50, 90)).tolist()
+    record: dict[str, Any] = {"matches": len(off), "off_px": quantiles}
+    half, most = map(_pixels, quantiles)
+    text = (
+        f"{shown} of {len(off)} matches of features, without truth; "
+        f"half are at most {half} px off their epipolar lines, 90 % at most {most} px"
+    )
+    if stored.rig.is_rectified(a, b):
+        low, high = np.percentile(disparities, (5, 95)).tolist()
+        record["disparity_px"] = [low, high]
+        text += f"; 90 % have disparities from {low:.1f} to {high:.1f} px"
+        if doubt := doubt_of_order(disparities, 0.0):
+            warnings.warn(f"{stored.folder}: {doubt}", stacklevel=2)
+    return record, text
 
 
 def _pixels(distance: float) -> str:

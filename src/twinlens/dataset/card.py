@@ -73,21 +73,22 @@ class Contents:
     frames: list[int] = field(default_factory=list)
 
 
-def describe(dataset: Where | Dataset, given: About | None = None) -> list[str]:
+def describe(dataset: Where | Dataset, changes: About | None = None) -> list[str]:
     """Write the card, croissant.json, and the list of source files into a dataset's folder; returns the names.
 
-    `given` is merged into dataset.json: texts that it leaves empty keep their value. A README.md that twinlens did not
-    write is kept, and the card is CARD.md. Statistics come from sample.json, or else from the truth, with one sample in
-    memory at a time. Unreadable samples are listed and not counted. ASSETS.md lists the files that the dataset was
-    made from, with SHA-256, licence and author as `About.credits` states them.
+    `changes` is merged into dataset.json: texts that it leaves empty keep their value. A README.md that twinlens did
+    not write is kept, and the card is CARD.md. Statistics come from sample.json, or else from the truth, with one
+    sample in memory at a time. Unreadable samples are listed and not counted. ASSETS.md lists the files that the
+    dataset was made from, with SHA-256, licence and author as `About.credits` states them.
 
-    Raises FileError if no sample can be read, or if `given` is not empty and there is no dataset.json, and OutputError.
+    Raises FileError if no sample can be read, or if `changes` is not empty and there is no dataset.json; and
+    OutputError.
     """
     dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     texts, manifest = about(dataset)
-    if given is not None and given.plain():
-        texts = About.of(texts.plain() | given.plain())
-        merged = manifest.info.get(KEY, {}) | given.plain()
+    if changes is not None and changes.plain():
+        texts = About.of(texts.plain() | changes.plain())
+        merged = manifest.info.get(KEY, {}) | changes.plain()
         info = {**manifest.info, KEY: merged}
         manifest = dataclasses.replace(dataset.manifest, info=info)
         write_manifest(dataset.path, manifest)

@@ -292,6 +292,17 @@ class _Polygons:
         """The corners (T, 3) of all triangles, and the polygon (T,) of each. Made once their number is checked."""
         return triangulated(self._counts, self._vertices, self.points)
 
+    def _chosen_triangles(
+        self, chosen: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """`_triangles` of the chosen polygons without holes, counter-clockwise as seen from outside."""
+        corners, polygons = self._triangles
+        kept = (chosen & self._is_there)[polygons]
+        corners, polygons = corners[kept], polygons[kept]
+        if self.mesh.GetOrientationAttr().Get() == "leftHanded":
+            corners = corners[:, ::-1]
+        return corners, polygons
+
     def part(
         self,
         chosen: NDArray[np.bool_],
@@ -304,15 +315,10 @@ class _Polygons:
         import trimesh
         from trimesh.visual import TextureVisuals
 
-        corners, polygons = self._triangles
-        kept = (chosen & self._is_there)[polygons]
-        corners, polygons = corners[kept], polygons[kept]
+        corners, polygons = self._chosen_triangles(chosen)
         if not len(corners):
             return
-        if self.mesh.GetOrientationAttr().Get() == "leftHanded":
-            corners = corners[:, ::-1]
         flat, of_polygon = corners.ravel(), np.repeat(polygons, 3)
-        columns = [self._vertices[flat][:, None].astype(np.float64)]
         uv = self._texture_coordinates(primvar, flat, of_polygon)
         if uv is None and surfaces.has_textures(material):
             raise InputError(
@@ -323,6 +329,8 @@ class _Polygons:
         colors = None
         if surfaces.has_colors(material):
             colors = self._values("displayColor", 3, flat, of_polygon)
+        # Corners that are equal in all of these become one vertex.
+        columns = [self._vertices[flat][:, None].astype(np.float64)]
         columns += [values for values in (uv, normals, colors) if values is not None]
         first, numbers = _distinct_rows(np.hstack(columns))
         mesh = trimesh.Trimesh(

@@ -9,7 +9,6 @@ from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -119,12 +118,6 @@ def run_benchmark(
     runs = _named_runs([methods] if isinstance(methods, str) else methods)
     total = len(samples) * len(runs) if isinstance(samples, Sized) else None
     runner = Runner(time_limit, memory_limit, warm_up, warm_up_limit)
-    options: dict[str, Any] = {
-        "retry_failed": retry_failed,
-        "on_map": on_map or _ignore,
-        "on_right_map": on_right_map or _ignore,
-        "on_drop": on_drop or _ignore,
-    }
     report = progress or _ignore
     with _locked(save), closing(runner):
         board = _resumed(save) if board is None else board
@@ -133,8 +126,13 @@ def run_benchmark(
                 runner.check_parts(method)
             numbers = itertools.count(1)
             for sample in _uniquely_named(samples):
-                run = _Run.of(sample, runner, writer, protocols, regions)
-                run = replace(run, **options)
+                run = replace(
+                    _Run.of(sample, runner, writer, protocols, regions),
+                    retry_failed=retry_failed,
+                    on_map=on_map or _ignore,
+                    on_right_map=on_right_map or _ignore,
+                    on_drop=on_drop or _ignore,
+                )
                 for method in runs:
                     outcome = run.match(method)
                     done = next(numbers)
@@ -403,8 +401,8 @@ class _Run:
     def _doubt_of_order(self) -> str:
         """Whether the pair's images look exchanged; matching features takes longer than a fast method."""
         sample = self.sample
-        found = disparities_of_features(sample.im0, sample.im1)
-        return doubt_of_order(found, sample.min_disparity)
+        disparities = disparities_of_features(sample.im0, sample.im1)
+        return doubt_of_order(disparities, sample.min_disparity)
 
 
 def _failed_mirrored(entry: Entry) -> bool:

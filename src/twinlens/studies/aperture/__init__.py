@@ -88,26 +88,17 @@ def _rows(
 ) -> list[dict[str, Any]]:
     stage = model.stage
     grid = [_images(pair) for pair in pairs]
-    sharp, lens = grid[F_NUMBERS.index(SHARP_AT)], model.lens(SHARP_AT)
-    evidence = Evidence.of(stage, lens, model.blur(lens), sharp)
-    grain = theory.grain_px(grid[F_NUMBERS.index(GRAIN_AT)][0])
+    theories = _Theories.of(model, grid)
     fixed = automatic(stage, model.lens(EXPOSED_AT), grid[F_NUMBERS.index(EXPOSED_AT)])
     rows: list[dict[str, Any]] = []
     for number, f_number in enumerate(F_NUMBERS):
         lens, traced = model.lens(f_number), grid[number]
-        blur = model.blur(lens)
         # The noise of the renderer in units of the image, which the theory adds to that of the sensor.
         paths = _rms([view.error for view in pairs[number]]) / _rms(traced)
         for diffracts in (False, True):
             radiance = diffracted(stage, lens, traced) if diffracts else traced
             exposures = (fixed, automatic(stage, lens, radiance))
             for mode, exposure in zip(MODES, exposures, strict=True):
-                wrong, path_noise = evidence.expected(
-                    lens, exposure, blur, diffracts, paths
-                )
-                error = theory.predicted_error(
-                    stage, lens, exposure, radiance[0], blur, grain, diffracts
-                )
                 case = {
                     "scene": stage.scene.name,
                     "seed": seed,
@@ -115,10 +106,8 @@ def _rows(
                     "exposure": mode,
                     "diffraction": "with" if diffracts else "without",
                     "level": _level(stage, lens, exposure, radiance[0]),
-                    "predicted": error,
-                    "predicted_wrong": wrong,
-                    "path_noise": path_noise,
                 }
+                case |= theories.columns(lens, exposure, radiance[0], diffracts, paths)
                 # With and without diffraction from the same random stream.
                 noise = stream(seed, 1, number, MODES.index(mode))
                 pictures = stage.expose(radiance, lens, noise, SENSOR, exposure)
@@ -127,6 +116,40 @@ def _rows(
                 ]
     _add_curves(rows)
     return rows
+
+
+class _Theories(NamedTuple):
+    """What both theories know of a scene: its scale model, the evidence of its sharp images, and their grain."""
+
+    model: ScaleModel
+    evidence: Evidence
+    grain: float
+
+    @classmethod
+    def of(cls, model: ScaleModel, grid: Sequence[Radiance]) -> "_Theories":
+        """From the images of all f-numbers."""
+        sharp, lens = grid[F_NUMBERS.index(SHARP_AT)], model.lens(SHARP_AT)
+        evidence = Evidence.of(model.stage, lens, model.blur(lens), sharp)
+        grain = theory.grain_px(grid[F_NUMBERS.index(GRAIN_AT)][0])
+        return cls(model, evidence, grain)
+
+    def columns(
+        self,
+        lens: ThinLens,
+        exposure: Exposure,
+        left: NDArray[np.float32],
+        diffracts: bool,
+        paths: float,
+    ) -> dict[str, float]:
+        """The predicted error, share of wrong pixels, and noise of the renderer over that of the sensor."""
+        stage, blur = self.model.stage, self.model.blur(lens)
+        wrong, path_noise = self.evidence.expected(
+            lens, exposure, blur, diffracts, paths
+        )
+        error = theory.predicted_error(
+            stage, lens, exposure, left, blur, self.grain, diffracts
+        )
+        return {"predicted": error, "predicted_wrong": wrong, "path_noise": path_noise}
 
 
 def _images(pair: Sequence[NoisyImage]) -> list[NDArray[np.float32]]:
