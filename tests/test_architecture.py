@@ -80,7 +80,7 @@ def imported(path):
 
 
 def test_imports_run_one_way():
-    found = {}
+    wrong = {}
     for path in modules():
         room = room_of(path)
         others = {
@@ -90,18 +90,18 @@ def test_imports_run_one_way():
         }
         forbidden = others - {room} - MAY_IMPORT[room]
         if forbidden:
-            found[str(path.relative_to(PACKAGE))] = forbidden
-    assert not found
+            wrong[str(path.relative_to(PACKAGE))] = forbidden
+    assert not wrong
 
 
 def test_only_rendering_knows_the_renderer():
-    found = [
+    wrong = [
         str(path.relative_to(PACKAGE))
         for path in modules()
         if room_of(path) != "rendering"
         and RENDERERS.intersection(name.split(".")[0] for name in imported(path))
     ]
-    assert not found
+    assert not wrong
 
 
 def test_no_files_import_each_other():
@@ -122,25 +122,25 @@ def module_name(path):
 
 def imported_modules(path):
     """The modules of twinlens that a file imports; `from package import module` is that module."""
-    known = {module_name(path) for path in modules()}
+    ours = {module_name(path) for path in modules()}
     for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names if alias.name in known)
+            yield from (alias.name for alias in node.names if alias.name in ours)
         elif isinstance(node, ast.ImportFrom):
             for alias in node.names:
                 inner = f"{node.module}.{alias.name}"
-                yield inner if inner in known else node.module
+                yield inner if inner in ours else node.module
 
 
 def test_modules_say_what_they_are_for():
     """In a first sentence of some words that ends in a full stop or a colon and says more than the file's name."""
-    found = {}
+    wrong = {}
     for path in modules():
         first = (ast.get_docstring(parsed(path)) or "").split("\n\n")[0]
         words = set(re.findall(r"[a-z]{3,}", first.lower())) - set(path.stem.split("_"))
         if len(words) < 3 or not first.rstrip().endswith((".", ":")):
-            found[str(path.relative_to(PACKAGE))] = first
-    assert not found
+            wrong[str(path.relative_to(PACKAGE))] = first
+    assert not wrong
 
 
 def run(code):

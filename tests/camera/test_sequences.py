@@ -117,13 +117,13 @@ def test_a_sequence_decodes_to_the_positions_that_were_seen():
     for pattern in shown:
         seen = cv2.remap(pattern, np.float32(u), np.float32(v), cv2.INTER_LINEAR)
         images.append(albedo * seen + 0.1 + rng.normal(0, 1e-3, u.shape))
-    found = decode_sequence(images, codes)
-    assert found.keys() == {"u", "v"}
-    assert np.abs(found["u"].position - u).max() < 0.2  # of linear interpolation
-    assert np.abs(found["v"].position - v).max() < 0.05
+    decoded = decode_sequence(images, codes)
+    assert decoded.keys() == {"u", "v"}
+    assert np.abs(decoded["u"].position - u).max() < 0.2  # of linear interpolation
+    assert np.abs(decoded["v"].position - v).max() < 0.05
     nearest = np.rint(v)
     assert (own_gray_positions(images[5:17]) == nearest).mean() > 0.97
-    assert (np.rint(found["v"].position) == nearest).mean() > 0.97
+    assert (np.rint(decoded["v"].position) == nearest).mean() > 0.97
 
 
 @pytest.mark.parametrize(

@@ -10,33 +10,33 @@ from twinlens.dataset import place, read_manifest
 
 
 @pytest.fixture
-def own(dataset, tmp_path):
+def copied(dataset, tmp_path):
     return shutil.copytree(dataset, tmp_path / "own")
 
 
-def test_verify_prints_each_finding_and_counts(twinlens, own):
-    (own / "cards" / "disp0.pfm").unlink()
-    code, out, _ = twinlens("verify", own)
+def test_verify_prints_each_finding_and_counts(twinlens, copied):
+    (copied / "cards" / "disp0.pfm").unlink()
+    code, out, _ = twinlens("verify", copied)
     assert code == 1
     assert out.splitlines() == [
         "cards: disp0.pfm: is missing",
         "1 sample, 1 with findings",
     ]
-    code, out, _ = twinlens("verify", own, "--json")
+    code, out, _ = twinlens("verify", copied, "--json")
     assert code == 1
     assert json.loads(out) == {"cards": ["disp0.pfm: is missing"]}
 
 
-def test_verify_reports_a_missing_dataset_json(twinlens, own):
-    (own / "dataset.json").unlink()
-    code, out, err = twinlens("verify", own)
+def test_verify_reports_a_missing_dataset_json(twinlens, copied):
+    (copied / "dataset.json").unlink()
+    code, out, err = twinlens("verify", copied)
     assert code == 1
     assert out.startswith("dataset.json: is missing")
     assert out.endswith(
         "\n1 sample, 0 with findings; 1 finding of the dataset as a whole\n"
     )
     assert "no dataset.json: " in err
-    code, out, err = twinlens("verify", own / "cards", "--json")
+    code, out, err = twinlens("verify", copied / "cards", "--json")
     assert (code, json.loads(out)) == (0, {"cards": []})
     assert "not against checksums" in err
 
@@ -63,32 +63,32 @@ def test_an_export_removes_what_a_killed_one_left(twinlens, dataset, tmp_path, n
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
-def test_rendering_again_removes_what_a_killed_run_left(twinlens, own):
-    (own / ".cards.unfinished-99999-0123abcd" / "models").mkdir(parents=True)
-    line = ("render", "cards", *QUICK, "-o", own)
+def test_rendering_again_removes_what_a_killed_run_left(twinlens, copied):
+    (copied / ".cards.unfinished-99999-0123abcd" / "models").mkdir(parents=True)
+    line = ("render", "cards", *QUICK, "-o", copied)
     assert twinlens(*line, "--overwrite")[0] == 0
-    assert not list(own.glob(".*"))
+    assert not list(copied.glob(".*"))
 
 
 def test_a_folder_that_a_killed_run_had_moved_aside_is_put_back_before_it_is_checked(
-    twinlens, own
+    twinlens, copied
 ):
-    (own / ".cards.replaced-99999-0123abcd").mkdir()
-    (own / "cards").rename(own / ".cards.replaced-99999-0123abcd" / "cards")
-    code, _, err = twinlens("render", "cards", *QUICK, "-o", own)
+    (copied / ".cards.replaced-99999-0123abcd").mkdir()
+    (copied / "cards").rename(copied / ".cards.replaced-99999-0123abcd" / "cards")
+    code, _, err = twinlens("render", "cards", *QUICK, "-o", copied)
     assert code == 2
     assert "cards: restored; a command that was killed had moved it aside" in err
     assert "exists" in err
-    assert (own / "cards" / "sample.json").is_file()
-    assert not list(own.glob(".*"))
+    assert (copied / "cards" / "sample.json").is_file()
+    assert not list(copied.glob(".*"))
 
 
-def test_describe_keeps_what_it_is_told(twinlens, own):
-    assert twinlens("describe", own, "--license", "CC-BY-4.0")[0] == 0
-    assert twinlens("describe", own)[0] == 0
-    assert "CC-BY-4.0" in (own / "README.md").read_text()
-    assert read_manifest(own).info["about"] == {"license": "CC-BY-4.0"}
-    assert twinlens("verify", own)[0] == 0
+def test_describe_keeps_what_it_is_told(twinlens, copied):
+    assert twinlens("describe", copied, "--license", "CC-BY-4.0")[0] == 0
+    assert twinlens("describe", copied)[0] == 0
+    assert "CC-BY-4.0" in (copied / "README.md").read_text()
+    assert read_manifest(copied).info["about"] == {"license": "CC-BY-4.0"}
+    assert twinlens("verify", copied)[0] == 0
 
 
 def test_a_bucket_is_rendered_into_and_looked_at(twinlens, tmp_path):

@@ -41,14 +41,14 @@ def test_input_images_and_samples_are_not_overwritten(twinlens, images, tmp_path
 
 
 def test_colours_span_the_search_range_or_else_the_map():
-    found = np.array([[2.5, np.inf, 7.0]], np.float32)
+    disparity = np.array([[2.5, np.inf, 7.0]], np.float32)
     network = OnnxNetwork("n.onnx")
     assert disparity_limits(
-        found, StereoMatcher(min_disparity=-4, num_disparities=10)
+        disparity, StereoMatcher(min_disparity=-4, num_disparities=10)
     ) == (-4, 5)
-    assert disparity_limits(found, network) == (2.5, 7)
-    assert disparity_limits(found[:, :1], network) == (2.5, 3.5)
-    assert disparity_limits(found[:, 1:2], network) == (0, 1)
+    assert disparity_limits(disparity, network) == (2.5, 7)
+    assert disparity_limits(disparity[:, :1], network) == (2.5, 3.5)
+    assert disparity_limits(disparity[:, 1:2], network) == (0, 1)
 
 
 @pytest.mark.parametrize("size", [(1, 1), (5, 3)])

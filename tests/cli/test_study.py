@@ -19,15 +19,15 @@ STUDY = Study("mine", "What is y?", (Column("x", "", "x"), Column("y", "", "y"))
 
 
 @pytest.fixture
-def own(tmp_path):
+def study_file(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(OWN)
     return path
 
 
-def test_a_study_from_a_file(twinlens, own, tmp_path):
+def test_a_study_from_a_file(twinlens, study_file, tmp_path):
     code, out, err = twinlens(
-        "study", own, "--seeds", "3", "--first-seed", "4", "-o", tmp_path / "out"
+        "study", study_file, "--seeds", "3", "--first-seed", "4", "-o", tmp_path / "out"
     )
     assert code == 0, err
     assert (
@@ -41,14 +41,14 @@ def test_a_study_from_a_file(twinlens, own, tmp_path):
     assert (tmp_path / "out" / "index.html").exists()
 
 
-def test_json_has_the_findings(twinlens, own, tmp_path):
-    own.write_text(
+def test_json_has_the_findings(twinlens, study_file, tmp_path):
+    study_file.write_text(
         "print('read')\n"
         + OWN.replace(
             "def measure(setup):", "def measure(setup):\n    print('measured')"
         )
     )
-    code, out, _ = twinlens("study", own, "--json", "-o", tmp_path / "out")
+    code, out, _ = twinlens("study", study_file, "--json", "-o", tmp_path / "out")
     assert code == 0
     assert json.loads(out)["findings"][0]["measured"] == 4
 
@@ -61,10 +61,10 @@ def refused(twinlens, *arguments):
     return err
 
 
-def test_an_earlier_study_is_replaced_only_on_request(twinlens, own, tmp_path):
+def test_an_earlier_study_is_replaced_only_on_request(twinlens, study_file, tmp_path):
     """Other files never are; this is checked before the study runs."""
     output, figures = tmp_path / "out", tmp_path / "out" / "figures"
-    line = (own, "--seeds", "1", "-o", output)
+    line = (study_file, "--seeds", "1", "-o", output)
     output.mkdir()
     letter = output / "index.html"
     letter.write_text("mine")
@@ -72,7 +72,7 @@ def test_an_earlier_study_is_replaced_only_on_request(twinlens, own, tmp_path):
     assert letter.read_text() == "mine"
     letter.unlink()
     assert twinlens("study", *line)[0] == 0
-    own.write_text(OWN.replace('Figure("y"', 'Figure("other"'))
+    study_file.write_text(OWN.replace('Figure("y"', 'Figure("other"'))
     assert "exists already; choose another name, or" in refused(twinlens, *line)
     assert sorted(path.stem for path in figures.iterdir()) == ["y", "y"]
     assert twinlens("study", *line, "--overwrite")[0] == 0
@@ -95,9 +95,9 @@ def test_an_earlier_study_is_replaced_only_on_request(twinlens, own, tmp_path):
     ],
 )  # fmt: skip
 def test_an_error_in_a_study_file_is_one_line_with_its_location(
-    twinlens, own, tmp_path, line, instead, message
+    twinlens, study_file, tmp_path, line, instead, message
 ):
     assert line in OWN
-    own.write_text(OWN.replace(line, instead, 1))
-    assert message in refused(twinlens, own, "-o", tmp_path / "out")
+    study_file.write_text(OWN.replace(line, instead, 1))
+    assert message in refused(twinlens, study_file, "-o", tmp_path / "out")
     assert not (tmp_path / "out").exists()

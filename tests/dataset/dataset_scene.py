@@ -94,9 +94,9 @@ def _truth(pair, i):
         object_names=("wall", "card"),
         material_names=("plaster", "paper"),
         objects=tuple(
-            each
-            for each in (_wall(pair, i, ids), _card(pair, i, ids))
-            if each is not None
+            item
+            for item in (_wall(pair, i, ids), _card(pair, i, ids))
+            if item is not None
         ),
         extra=_extra(depth.shape),
     )

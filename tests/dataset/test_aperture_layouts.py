@@ -101,9 +101,9 @@ def test_dpdd(exported):
     assert all([path.stem for path in paths] == ["a1", "b"] for paths in listed)
     for files in zip(*listed, strict=True):
         for path, seed in zip(files, (1, 2, 3, 0), strict=True):
-            found = cv2.imread(str(path), -1)
-            assert found.dtype == np.uint16
-            assert_array_equal(found[..., ::-1], image(seed, np.uint16))
+            pixels = cv2.imread(str(path), -1)
+            assert pixels.dtype == np.uint16
+            assert_array_equal(pixels[..., ::-1], image(seed, np.uint16))
     assert_array_equal(
         cv2.imread(str(out / "val_l/source/a.png"), -1)[..., ::-1],
         image(2) * np.uint16(257),

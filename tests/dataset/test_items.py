@@ -64,12 +64,12 @@ def test_every_name_reads_its_quantity(folder):
         "doffs": 1.25,
         "ndisp": sample.ndisp,
     }
-    found = Dataset(folder).select(*expected)[1]
-    assert list(found) == list(expected)
+    selected = Dataset(folder).select(*expected)[1]
+    assert list(selected) == list(expected)
     # Blur is in the file, and computed for other lenses.
     for name, value in expected.items():
-        assert_allclose(found[name], value, rtol=1e-6)
-        assert_array_equal(sample[name], found[name])
+        assert_allclose(selected[name], value, rtol=1e-6)
+        assert_array_equal(sample[name], selected[name])
 
 
 @pytest.mark.parametrize(
@@ -127,8 +127,8 @@ def test_the_table_of_the_page_has_every_quantity_with_its_dtype_and_shape(tmp_p
                 assert type(value).__name__ == dtypes, name
     with pytest.raises(InputError) as error:
         parse_quantity("anything")
-    known = set(re.search(r"known: (.*)\)", str(error.value))[1].split(", "))
-    assert known - {f"{name}0" for name in dataset_scene.extra_channels()} <= listed
+    offered = set(re.search(r"known: (.*)\)", str(error.value))[1].split(", "))
+    assert offered - {f"{name}0" for name in dataset_scene.extra_channels()} <= listed
 
 
 def test_names_and_splits(folder):

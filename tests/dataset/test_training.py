@@ -43,11 +43,11 @@ def quantities(rig, images=None):
 SAMPLE = quantities(PAIR)
 
 
-def assert_same(found, expected):
-    assert set(found) == set(expected)
+def assert_same(actual, expected):
+    assert set(actual) == set(expected)
     for name, value in expected.items():
         if name != "name":
-            assert_allclose(found[name], value, rtol=1e-6, atol=1e-5, err_msg=name)
+            assert_allclose(actual[name], value, rtol=1e-6, atol=1e-5, err_msg=name)
 
 
 def window_of(rig, x, y, width, height):

@@ -29,10 +29,10 @@ def section(title):
 
 
 def test_every_region_and_protocol_is_listed():
-    found = re.findall(
+    listed = re.findall(
         r"`([^`]+)`", "".join(re.findall(r"^\| (`.*?) \|", section("Regions"), re.M))
     )
-    assert found == list(REGIONS)
+    assert listed == list(REGIONS)
     assert re.findall(
         r"`([^`]+)`", re.search(r"^\| \| (.*) \|$", section("Protocols"), re.M)[1]
     ) == list(PROTOCOLS)

@@ -69,13 +69,13 @@ def test_the_recipes_keep_their_promises(folder, names, monkeypatch):
     flipped = 0
     for seed in range(6):
         sample = names["augment"](samples[0], np.random.default_rng(seed))
-        found = names["normalise"](sample)
-        assert found["im0"].shape == (3, 192, 256)
-        assert found["im0"].dtype == found["inverse0"].dtype == np.float32
+        normalised = names["normalise"](sample)
+        assert normalised["im0"].shape == (3, 192, 256)
+        assert normalised["im0"].dtype == normalised["inverse0"].dtype == np.float32
         assert_allclose(
-            found["inverse0"], sample["baseline"] / sample["depth0"], rtol=1e-5
+            normalised["inverse0"], sample["baseline"] / sample["depth0"], rtol=1e-5
         )  # 0 at infinity
-        assert_array_equal(found["known0"], np.isfinite(sample["depth0"]))
+        assert_array_equal(normalised["known0"], np.isfinite(sample["depth0"]))
         flipped += not np.array_equal(
             sample["world_from_cam0"], samples[0]["world_from_cam0"]
         )

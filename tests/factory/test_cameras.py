@@ -86,7 +86,7 @@ def test_focal_lengths_and_pixels_in_millimetres(camera, fx, pitch):
 def test_every_value_may_be_drawn():
     table = {"camera": {"preset": {"sweep": ["mer-pancam", "oak-d"]}}}
     sizes = [rig_of(table, i)[0] for i in (0, 1)]
-    assert [(each.width, each.height) for each in sizes] == [(1024, 1024), (1280, 800)]
+    assert [(size.width, size.height) for size in sizes] == [(1024, 1024), (1280, 800)]
 
 
 def test_a_rig_names_a_camera_and_its_keys_change_it():

@@ -186,8 +186,8 @@ def test_the_colours_of_a_raw_mosaic_are_no_texture(shift):
     red = np.zeros((4 * WINDOW, 4 * WINDOW + shift))
     red[::2, ::2] = 3000
     left, right = (
-        grey(each.astype(np.uint16), sensor)
-        for each in (red[:, shift:], red[:, :-shift])
+        grey(picture.astype(np.uint16), sensor)
+        for picture in (red[:, shift:], red[:, :-shift])
     )
     assert textured_windows(left, right, np.ones(left.shape, bool)) == 0.0
 
@@ -195,13 +195,13 @@ def test_the_colours_of_a_raw_mosaic_are_no_texture(shift):
 def test_windows_count_by_their_covariance():
     rng = np.random.default_rng(1)
     a = rng.normal(0.5, 0.1, (4 * WINDOW, 6 * WINDOW)).astype(np.float32)
-    known = np.ones(a.shape, bool)
+    mask = np.ones(a.shape, bool)
     half = a.copy()
     half[:, : 3 * WINDOW] = 0.5
-    assert textured_windows(a, a, known) == 1.0
-    assert textured_windows(a, half, known) == 0.5
-    assert textured_windows(a, 1 - a, known) == 0.0
-    known[:, : 3 * WINDOW] = False
-    assert textured_windows(a, half, known) == 1.0
-    assert textured_windows(a, half, np.zeros_like(known)) == 1.0
-    assert textured_windows(a[:5, :5], a[:5, :5], known[:5, :5]) == 1.0
+    assert textured_windows(a, a, mask) == 1.0
+    assert textured_windows(a, half, mask) == 0.5
+    assert textured_windows(a, 1 - a, mask) == 0.0
+    mask[:, : 3 * WINDOW] = False
+    assert textured_windows(a, half, mask) == 1.0
+    assert textured_windows(a, half, np.zeros_like(mask)) == 1.0
+    assert textured_windows(a[:5, :5], a[:5, :5], mask[:5, :5]) == 1.0

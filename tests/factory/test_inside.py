@@ -10,10 +10,10 @@ POINTS = RNG.uniform(-1.5, 1.5, (300, 3))
 
 
 def one(shape, pose=None, instances=()):
-    thing = SceneObject(
+    body = SceneObject(
         "it", shape, "grey", np.eye(4) if pose is None else pose, instances=instances
     )
-    return Scene("made", (thing,), {"grey": {"type": "diffuse"}}, np.eye(4), (1, 2))
+    return Scene("made", (body,), {"grey": {"type": "diffuse"}}, np.eye(4), (1, 2))
 
 
 def test_a_torus_encloses_what_its_equation_says():

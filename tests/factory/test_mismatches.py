@@ -49,8 +49,8 @@ def test_each_camera_after_the_first_has_its_own_draw():
     assert len(drawn) == 3
     assert drawn[0] == Mismatch.draw("typical", 5, blur_px=0.25)
     for name in ("gain", "shading_right", "pitch_px", "stray_direction_deg"):
-        assert len({getattr(each, name) for each in drawn}) == 3, name
-    assert {each.blur_px for each in drawn} == {0.25}
+        assert len({getattr(draw, name) for draw in drawn}) == 3, name
+    assert {draw.blur_px for draw in drawn} == {0.25}
     assert len(set(sensor(LINE).mismatch)) == 3  # the default is typical
 
 
@@ -80,8 +80,8 @@ def test_values_without_a_level_are_those_of_all_cameras_after_the_first():
 
 
 def test_a_list_has_the_mismatch_of_each_camera():
-    given = ["typical", {"gain": 1.1}, {"level": "calibrated", "seed": 8}]
-    drawn = sensor(LINE, mismatch=given).mismatch
+    stated = ["typical", {"gain": 1.1}, {"level": "calibrated", "seed": 8}]
+    drawn = sensor(LINE, mismatch=stated).mismatch
     assert drawn[:2] == (Mismatch.draw("typical", 5), Mismatch(gain=1.1))
     assert drawn[2].level == "calibrated"
 

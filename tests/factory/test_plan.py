@@ -84,10 +84,10 @@ def test_scenes_and_sweeps_make_a_full_factorial_and_begin_again():
 )
 def test_a_value_per_scene_follows_the_scene(changes):
     of = recipe(rig={"baseline": {"per_scene": [0.07, 0.17]}}, **changes)
-    found = {
+    seen = {
         (plan(of, i).scene, plan(of, i).drawn["rig"]["baseline"]) for i in range(40)
     }
-    assert found == {("cards", 0.07), ("staircase", 0.17)}
+    assert seen == {("cards", 0.07), ("staircase", 0.17)}
 
 
 def test_weights_say_how_often_a_scene_comes():
@@ -100,9 +100,9 @@ def test_splits_have_their_shares_and_stay_when_the_count_grows():
     shares = {"train": 0.8, "val": 0.15, "test": 0.05}
     large, small = recipe(splits=shares), recipe(splits=shares, count=7)
     splits = [plan(large, i).split for i in range(2000)]
-    found = [splits.count(name) for name in shares]
+    seen = [splits.count(name) for name in shares]
     assert (
-        stats.chisquare(found, [2000 * share for share in shares.values()]).pvalue
+        stats.chisquare(seen, [2000 * share for share in shares.values()]).pvalue
         > 0.001
     )
     assert splits[:50] == [plan(small, i).split for i in range(50)]

@@ -54,10 +54,10 @@ def test_samples_store_projectors_and_their_truth(data):
     assert "| projectors of a sample | 1 |" in (data.path / "README.md").read_text()
     for i in (0, 1):
         truth = sample.truth(i)
-        (found,) = truth.projections
+        (projection,) = truth.projections
         expected = sample.rig.views.project(2, truth.position[truth.hit])
-        assert np.abs(found.pixels[truth.hit] - expected).max() < 1e-4
-        assert 0.2 < found.lit.mean() < 1
+        assert np.abs(projection.pixels[truth.hit] - expected).max() < 1e-4
+        assert 0.2 < projection.lit.mean() < 1
     shapes = data.select("projector_pixels0", "lit1")[0]
     assert shapes["projector_pixels0"].shape == (1, 16, 24, 2)
     assert (shapes["lit1"][0] == sample.truth1.projections[0].lit).all()

@@ -254,7 +254,7 @@ distributions = st.builds(
     ),
 )
 leaves = st.one_of(scalars, distributions)
-known = sorted(
+allowed = sorted(
     {
         "seed",
         "scenes",
@@ -269,7 +269,7 @@ known = sorted(
         *FULL["rig"],
     }
 )
-keys = st.one_of(st.sampled_from(known), st.text(max_size=5))
+keys = st.one_of(st.sampled_from(allowed), st.text(max_size=5))
 values = st.recursive(
     leaves,
     lambda inner: st.one_of(

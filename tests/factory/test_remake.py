@@ -109,13 +109,13 @@ def test_a_scene_of_ones_own_has_to_be_given(scene, tmp_path):
         tl.load_scene(mine), default_rig(scene, 8, 6), [tl.Pinhole()], Shoot(spp=1)
     )
     files = sample_files(made)
-    own = json.loads(files["sample.json"])
+    made_record = json.loads(files["sample.json"])
     with pytest.raises(InputError, match="'mine' is not bundled; load it"):
-        remake(own)
-    assert sample_files(remake(own, tl.load_scene(mine))) == files
+        remake(made_record)
+    assert sample_files(remake(made_record, tl.load_scene(mine))) == files
     (mine / "scene.toml").write_text((mine / "scene.toml").read_text() + "\n")
     with pytest.raises(InputError, match="files have changed"):
-        remake(own, tl.load_scene(mine))
+        remake(made_record, tl.load_scene(mine))
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,7 @@ def test_near_infrared_cameras_have_a_sensor_of_their_own():
     settings = [
         read(RecipeSettings, plan(recipe, i).drawn, "recipe.toml") for i in range(2)
     ]
-    assert [each.sensor.nir.read_noise for each in settings] == [2.0, 3.0]
+    assert [setting.sensor.nir.read_noise for setting in settings] == [2.0, 3.0]
     assert settings[0].sensor.nir.full_well == 6000.0
 
 

@@ -118,16 +118,16 @@ def test_what_is_asked_of_every_camera_goes_before_what_a_table_says_of_one(scen
         {"fx": 20, "fy": 22},
         {"fov_x_deg": 40, "distortion": {"k1": 0.2}, "cx": 3.0},
     ]
-    own = replace(scene, rig={"cameras": cameras})
+    rigged = replace(scene, rig={"cameras": cameras})
     first, second = default_rig(
-        own, 48, 36, intrinsics={"fx": 60.0, "fy": 61.0}
+        rigged, 48, 36, intrinsics={"fx": 60.0, "fy": 61.0}
     ).cameras
     assert (first.fx, first.fy, second.fx, second.fy) == (60.0, 61.0, 60.0, 61.0)
     assert (second.cx, second.distortion.k1) == (3.0, 0.2)
     plain = {"cx": 20.0, "cy": 21.0, "distortion": {"k1": -0.01}}
-    for camera in default_rig(own, 48, 36, intrinsics=plain).cameras:
+    for camera in default_rig(rigged, 48, 36, intrinsics=plain).cameras:
         assert (camera.cx, camera.cy, camera.distortion.k1) == (20.0, 21.0, -0.01)
-    assert default_rig(own, 48, 36, fov_x_deg=90).cameras[0].fx == pytest.approx(24)
+    assert default_rig(rigged, 48, 36, fov_x_deg=90).cameras[0].fx == pytest.approx(24)
 
 
 def test_an_error_left_in_moves_the_picture_and_leaves_the_truth(scene):

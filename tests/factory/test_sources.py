@@ -183,12 +183,12 @@ def test_a_scenes_files_have_the_same_names_however_its_folder_is_written(
         painted.replace("[textures.noise]", f"{textures}[textures.noise]")
     )
     monkeypatch.chdir(tmp_path)
-    found = [
+    by_folder = [
         file_digests(load_scene(where))
         for where in ("scene", tmp_path / "scene", "./scene/scene.toml")
     ]
-    assert found[0] == found[1] == found[2]
-    assert set(found[0]) == {"scene.toml", "a/t.png", "b/t.png"}
+    assert by_folder[0] == by_folder[1] == by_folder[2]
+    assert set(by_folder[0]) == {"scene.toml", "a/t.png", "b/t.png"}
     sources = Sources(tmp_path, ("scene",))
     assert set(sources.digests) == {
         "scene/scene.toml",

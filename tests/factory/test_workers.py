@@ -56,8 +56,8 @@ def whole(recipe, tmp_path_factory):
 
 
 def workers_of(process):
-    found = psutil.Process(process.pid).children(recursive=True)
-    return [child for child in found if "spawn_main" in " ".join(child.cmdline())]
+    processes = psutil.Process(process.pid).children(recursive=True)
+    return [child for child in processes if "spawn_main" in " ".join(child.cmdline())]
 
 
 def wait_for_a_sample(process, folder):
@@ -69,9 +69,9 @@ def wait_for_a_sample(process, folder):
 def killing_one(process, folder):
     """SIGKILL one of a run's workers as soon as a sample is there."""
     wait_for_a_sample(process, folder)
-    found = workers_of(process)
-    found[0].kill()
-    return len(found)
+    processes = workers_of(process)
+    processes[0].kill()
+    return len(processes)
 
 
 def test_a_killed_worker_costs_nothing(recipe, whole, tmp_path):

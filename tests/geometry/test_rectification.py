@@ -125,11 +125,11 @@ def test_a_vertical_pair_is_rotated_by_90_degrees():
 
 def test_without_zero_doffs_each_image_is_centred_on_its_view():
     rig = toed_in(CAMERA, 0.5, 1.5)
-    shared, own = rectify(rig), rectify(rig, zero_doffs=False)
+    shared, centred = rectify(rig), rectify(rig, zero_doffs=False)
     assert shared.doffs == 0
-    assert own.valid(0).mean() > shared.valid(0).mean() + 0.05
+    assert centred.valid(0).mean() > shared.valid(0).mean() + 0.05
     for side in (0, 1):
-        u, _ = own.rectified_pixels(side, [[0.0, 240.0], [639.0, 240.0]]).T
+        u, _ = centred.rectified_pixels(side, [[0.0, 240.0], [639.0, 240.0]]).T
         assert u.mean() == pytest.approx(319.5, abs=3)
 
 

@@ -80,17 +80,22 @@ def test_corrected_matches_move_no_further_than_opencvs_for_large_noise():
     for seed in range(10):
         rng = np.random.default_rng(seed)
         rig, points = random_rig(rng)
-        matrix, given = fundamental_matrix(rig), np.stack(noisy(rig, points, rng, 40.0))
+        matrix, noisy_pixels = (
+            fundamental_matrix(rig),
+            np.stack(noisy(rig, points, rng, 40.0)),
+        )
         ours, theirs = (
-            correct_matches(matrix, *given),
-            cv2.correctMatches(matrix, *given[:, None]),
+            correct_matches(matrix, *noisy_pixels),
+            cv2.correctMatches(matrix, *noisy_pixels[:, None]),
         )
         moved = [
-            ((np.reshape(each, given.shape) - given) ** 2).sum(axis=(0, 2))
-            for each in (ours, theirs)
+            ((np.reshape(corrected, noisy_pixels.shape) - noisy_pixels) ** 2).sum(
+                axis=(0, 2)
+            )
+            for corrected in (ours, theirs)
         ]
         assert (moved[0] <= moved[1] + 1e-8).all()
-        assert np.allclose(ours, np.reshape(theirs, given.shape), atol=0.05)
+        assert np.allclose(ours, np.reshape(theirs, noisy_pixels.shape), atol=0.05)
 
 
 def test_a_vertical_error_is_divided_between_the_images():

@@ -157,11 +157,11 @@ def naive_fit(volume, winners, kind):
 def assert_minimal(volume, disparity, low, atol=1e-4, rtol=0.0):
     """The disparity is a candidate of least cost wherever there is a candidate, and unknown elsewhere."""
     least = volume.min(axis=-1)
-    known = np.isfinite(least)
-    np.testing.assert_array_equal(np.isfinite(disparity), known)
-    index = np.where(known, disparity - low, 0).astype(int)
+    finite = np.isfinite(least)
+    np.testing.assert_array_equal(np.isfinite(disparity), finite)
+    index = np.where(finite, disparity - low, 0).astype(int)
     chosen = np.take_along_axis(volume, index[..., None], -1)[..., 0]
-    np.testing.assert_allclose(chosen[known], least[known], atol=atol, rtol=rtol)
+    np.testing.assert_allclose(chosen[finite], least[finite], atol=atol, rtol=rtol)
 
 
 def first_minimum(volume, low):

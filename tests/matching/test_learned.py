@@ -163,10 +163,10 @@ def test_crops_of_every_scale_and_shape_keep_their_matches(benchmark_path):
     matched = looked_up(
         crops.right, at, torch.arange(48.0)[:, None].expand(8, 48, 160)
     )[:, 0]
-    known = (crops.disparity >= 0) & (at >= 0)
-    errors = (matched - crops.left[:, 0]).abs()[known]
-    assert len(torch.unique(crops.disparity[known])) > 16
-    assert known.float().mean() > 0.5
+    finite = (crops.disparity >= 0) & (at >= 0)
+    errors = (matched - crops.left[:, 0]).abs()[finite]
+    assert len(torch.unique(crops.disparity[finite])) > 16
+    assert finite.float().mean() > 0.5
     assert (errors > 0.05).float().mean() < 0.04
 
 
@@ -208,11 +208,11 @@ def test_an_interrupted_training_resumes_to_the_same_weights(
     whole = network.train([pairs], settings, 0)
     loss_of, calls = network.loss_of, []
 
-    def interrupted(*given):
-        calls.append(given)
+    def interrupted(*arguments):
+        calls.append(arguments)
         if len(calls) == 4:
             raise KeyboardInterrupt
-        return loss_of(*given)
+        return loss_of(*arguments)
 
     monkeypatch.setattr(network, "REPORT", 2)
     monkeypatch.setattr(network, "loss_of", interrupted)

@@ -67,9 +67,9 @@ def test_every_cost_chooses_a_minimum_of_plain_loops(cost, descriptor, problem):
         np.testing.assert_array_equal(disparity, first_minimum(volume, low))
     if cost in ("sad", "ssd") and left.dtype.kind == "u":
         box = BoxMatch(left, right, COSTS[cost], side, low, low + count, 1)
-        known = np.isfinite(disparity)
-        lowest = box.winners("none").cost[known]
-        np.testing.assert_array_equal(lowest, volume.min(-1)[known])
+        finite = np.isfinite(disparity)
+        lowest = box.winners("none").cost[finite]
+        np.testing.assert_array_equal(lowest, volume.min(-1)[finite])
 
 
 @pytest.mark.parametrize("cost", ["sad", "ssd", "zncc"])

@@ -48,10 +48,17 @@ def pair():
     ],
 )
 def test_older_processors_choose_the_same(processor, methods, pair, tmp_path):
-    given, found = tmp_path / "pair.npy", tmp_path / "maps.npy"
-    np.save(given, pair)
-    command = [sys.executable, "-c", ELSEWHERE, str(given), str(found), *methods]
+    pair_file, maps_file = tmp_path / "pair.npy", tmp_path / "maps.npy"
+    np.save(pair_file, pair)
+    command = [
+        sys.executable,
+        "-c",
+        ELSEWHERE,
+        str(pair_file),
+        str(maps_file),
+        *methods,
+    ]
     subprocess.run(command, env=os.environ | OLDER[processor], check=True, timeout=600)
-    for method, elsewhere in zip(methods, np.load(found), strict=True):
+    for method, elsewhere in zip(methods, np.load(maps_file), strict=True):
         here = tm.match(*pair, method, block_size=5, num_disparities=40, threads=1)
         np.testing.assert_allclose(elsewhere, here, atol=1e-5)

@@ -290,10 +290,10 @@ def test_feasible_ranges_end_where_the_grid_search_has_no_point(plans):
                     else 1e-3 * focus * value / (focus - 1e-3 * value)
                 )
                 if limits[ends[0]] <= film <= limits[ends[1]]:
-                    found = grid_search(
+                    cheapest = grid_search(
                         task, limits | dict.fromkeys(ends, film), focus, (100, 150, 100)
                     )
-                    assert (found < math.inf) == inside, (task, field, value)
+                    assert (cheapest < math.inf) == inside, (task, field, value)
                     checked.append((field, inside))
     assert {(field, inside) for field in names for inside in (True, False)} == set(
         checked

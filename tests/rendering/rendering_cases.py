@@ -111,8 +111,8 @@ def ball(rng, at) -> Thing:
 def ball_of_parameters(rng, at) -> Thing:
     """Centre and radius inside the plugin, then a pose on top."""
     placed = pose(turn(rng), rng.normal(size=3))
-    own = placed[:3, :3].T @ (at - placed[:3, 3])
-    plugin = {"type": "sphere", "center": own.tolist(), "radius": 0.33}
+    local = placed[:3, :3].T @ (at - placed[:3, 3])
+    plugin = {"type": "sphere", "center": local.tolist(), "radius": 0.33}
     return Thing(
         [Ball(at, 0.33)],
         at,

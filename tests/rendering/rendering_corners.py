@@ -26,7 +26,7 @@ def cases() -> dict[str, tuple]:
 def edge_on() -> dict[str, tuple]:
     """Rectangles and disks whose plane passes the right eye at a hundredth of a millimetre to a centimetre."""
     rng = np.random.default_rng(11)
-    found = {}
+    corners = {}
     for number in range(16):
         world_from_left = pose(turn(rng), rng.normal(size=3))
         lean = rng.uniform(1e-4, 1e-2) * rng.choice([-1, 1])
@@ -41,17 +41,17 @@ def edge_on() -> dict[str, tuple]:
         scene_object = SceneObject(
             "flat", {"type": "rectangle" if number % 2 else "disk"}, "chalk", placed
         )
-        found[f"edge on {number}"] = (
+        corners[f"edge on {number}"] = (
             [body],
             scene_object,
             Rig.stereo(CAMERA, 0.5, world_from_left),
         )
-    return found
+    return corners
 
 
 def instances() -> dict[str, tuple]:
     rng = np.random.default_rng(12)
-    found = {}
+    corners = {}
     for name, scale in (
         ("grown", 1.7),
         ("mirrored", [-1, 1, 1]),
@@ -63,12 +63,12 @@ def instances() -> dict[str, tuple]:
         body = Hull.of_triangles(
             moved(outer @ inner, np.asarray(cube.vertices)[cube.faces])
         )
-        found[f"{name} instance"] = (
+        corners[f"{name} instance"] = (
             [body],
             SceneObject("cube", {"type": "cube"}, "chalk", inner, None, (outer,)),
             rig(),
         )
-    return found
+    return corners
 
 
 def fine_balls() -> dict[str, tuple]:
@@ -77,7 +77,7 @@ def fine_balls() -> dict[str, tuple]:
     mesh = trimesh.creation.icosphere(subdivisions=3)
     points = np.asarray(mesh.vertices)
     faces = np.asarray(mesh.faces, dtype=np.uint32)
-    found = {}
+    corners = {}
     for name, scale, wound in (
         ("plain", 0.9, 1),
         ("mirrored", [-0.9, 0.9, 0.9], 1),
@@ -89,18 +89,18 @@ def fine_balls() -> dict[str, tuple]:
             np.ascontiguousarray(faces[:, ::wound]),
             np.asarray(mesh.vertex_normals),
         )
-        found[f"{name} ball"] = (
+        corners[f"{name} ball"] = (
             [Hull.of_triangles(moved(placed, points[faces]))],
             SceneObject("ball", shape, "chalk", placed),
             rig(),
         )
-    return found
+    return corners
 
 
-def scene(thing: SceneObject) -> Scene:
+def scene(item: SceneObject) -> Scene:
     return Scene(
         "corner",
-        (thing,),
+        (item,),
         {"chalk": {"type": "diffuse"}},
         rig().world_from_cams[0],
         (1.0, 9.0),

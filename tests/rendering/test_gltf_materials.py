@@ -88,10 +88,10 @@ class Gallery:
             model = read_model(path, SceneContext(folder))
             place = np.array([i * SPACING, 0.0, 0.0])
             pose = tl.geometry.rigid(FACING, place)
-            thing = SceneObject(f"{i}", model.mesh, tuple(model.materials), pose)
+            item = SceneObject(f"{i}", model.mesh, tuple(model.materials), pose)
             is_ball = model.mesh.vertices.min() < -0.9
             self.spots.append(place + ([0, -1.0, 0] if is_ball else [0, 0, 0.5]))
-            self.objects.append(thing)
+            self.objects.append(item)
             self.materials |= model.materials
 
     def seen(self, light, angles_deg, chosen):

@@ -165,8 +165,8 @@ def near_crease(view, pixels):
 def test_names_and_materials_belong_to_the_ids(answers):
     names = []
     materials = []
-    for thing in cases.things():
-        placed = thing.scene_object
+    for item in cases.things():
+        placed = item.scene_object
         copies = [f"{placed.name}[{i}]" for i in range(len(placed.instances))]
         copies = copies or [placed.name]
         names += copies

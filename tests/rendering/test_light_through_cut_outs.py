@@ -69,9 +69,9 @@ def test_light_through_leaves_is_that_of_volpath(mode):
         )[0]
         for integrator in (SHORT, {"type": "volpath", "max_depth": 4})
     ]  # fmt: skip
-    own, expected = (image.mean(axis=-1) for image in images)
-    np.testing.assert_allclose(own.mean(), expected.mean(), rtol=0.005)
-    blocks = [image.reshape(6, 4, 8, 4).mean(axis=(1, 3)) for image in (own, expected)]
+    ours, expected = (image.mean(axis=-1) for image in images)
+    np.testing.assert_allclose(ours.mean(), expected.mean(), rtol=0.005)
+    blocks = [image.reshape(6, 4, 8, 4).mean(axis=(1, 3)) for image in (ours, expected)]
     np.testing.assert_allclose(*blocks, rtol=0.06)
 
 

@@ -78,13 +78,13 @@ def test_what_a_material_cannot_express_stays_a_plugin():
         assert bsdf_of(plugin) is plugin
 
 
-def found(tree, key):
+def value_of(tree, key):
     """The first value of a key anywhere in a tree of plugins, or None."""
     if not isinstance(tree, dict):
         return None
     if key in tree:
         return tree[key]
-    hits = [found(value, key) for value in tree.values()]
+    hits = [value_of(value, key) for value in tree.values()]
     return next((hit for hit in hits if hit is not None), None)
 
 
@@ -96,7 +96,7 @@ def test_opacity_is_cut_at_the_cutoff():
     # Mitsuba's `mask` clips to [0, 1].
     np.testing.assert_array_equal(np.clip(cut["opacity"].pixels, 0, 1), [[0, 1, 1]])
     whole = bsdf_of(Material(opacity=opacity, alpha_cutoff=0.1))
-    assert found(whole, "opacity") is None
+    assert value_of(whole, "opacity") is None
 
 
 def test_the_green_axis_is_flipped_where_texture_coordinates_are_mirrored():
@@ -105,9 +105,9 @@ def test_the_green_axis_is_flipped_where_texture_coordinates_are_mirrored():
         for side in (False, True)
     )
     expected = PICTURE.pixels * [1, -1, 1] + [0, 1, 0]
-    assert found(upright, "normalmap") is PICTURE
+    assert value_of(upright, "normalmap") is PICTURE
     for branch in ("bsdf_0", "bsdf_1"):
-        flipped = found(mirrored[branch], "normalmap").pixels
+        flipped = value_of(mirrored[branch], "normalmap").pixels
         np.testing.assert_allclose(flipped, expected, atol=1e-6)
 
 
@@ -130,7 +130,7 @@ def test_colors_of_vertices_become_attributes():
 def test_a_dielectric_has_colors_of_vertices_in_its_diffuse_light_only():
     tree = bsdf_of(Material(base_color=VertexColor(), roughness=0.5))
     assert len(set(names_in(tree))) == 1
-    metal = found(tree, "bsdf_1")
+    metal = value_of(tree, "bsdf_1")
     assert not set(names_in(metal))
     assert set(names_in(bsdf_of(Material(base_color=VertexColor(), metallic=0.5))))
 

@@ -27,14 +27,14 @@ def rotation(seed):
     return turn * np.sign(np.linalg.det(turn))
 
 
-def thing(name, shape, at=(0, 0, 0), linear=1.0, instances=()):
+def placed_object(name, shape, at=(0, 0, 0), linear=1.0, instances=()):
     """An object in the camera's frame."""
     placed = pose(np.eye(3) * linear if np.ndim(linear) == 0 else linear, at)
     return SceneObject(name, shape, "grey", placed, instances=instances)
 
 
 def ball(name, at, radius):
-    return thing(name, {"type": "sphere", "radius": radius}, at)
+    return placed_object(name, {"type": "sphere", "radius": radius}, at)
 
 
 def view(*objects, camera=CAMERA):
@@ -119,8 +119,8 @@ def test_balls_cover_their_closed_form_also_where_hidden_and_outside(distortion)
 def test_a_box_behind_another_one_has_its_projected_corners():
     size = np.array([0.6, 0.3, 0.3])
     truth, _, _ = view(
-        thing("front", shapes.box(np.array([0.5, 0.4, 0.1])), (0.0, 0.0, 1.5)),
-        thing("behind", shapes.box(size), (0.1, 0.05, 2.5), rotation(1)),
+        placed_object("front", shapes.box(np.array([0.5, 0.4, 0.1])), (0.0, 0.0, 1.5)),
+        placed_object("behind", shapes.box(size), (0.1, 0.05, 2.5), rotation(1)),
     )
     box = truth.objects[1]
     np.testing.assert_allclose(box.extent, [-size / 2, size / 2], atol=1e-12)
@@ -133,7 +133,9 @@ def test_a_box_behind_another_one_has_its_projected_corners():
 
 
 def test_a_body_that_is_hidden_completely_is_listed():
-    wall = thing("wall", {"type": "rectangle"}, (0, 0, 1.0), np.diag([4.0, 4.0, 1.0]))
+    wall = placed_object(
+        "wall", {"type": "rectangle"}, (0, 0, 1.0), np.diag([4.0, 4.0, 1.0])
+    )
     hidden = bodies_of(wall, ball("ball", (0, 0, 2.0), 0.2))[1]
     assert hidden.visible_pixel_count == hidden.visible_fraction == 0
     assert hidden.visible_box == (0, 0, 0, 0)
@@ -141,7 +143,7 @@ def test_a_body_that_is_hidden_completely_is_listed():
 
 
 def test_bodies_outside_the_image_are_left_out_and_those_around_the_camera_are_counted_in_it():
-    around = thing("around", {"type": "cube"}, (0, 0, 1.0), 5.0)
+    around = placed_object("around", {"type": "cube"}, (0, 0, 1.0), 5.0)
     away = ball("away", (3.0, 0, 2.0), 0.1)
     back = ball("back", (0, 0, -2.0), 0.1)
     (room,) = bodies_of(around, away, back)
@@ -180,7 +182,7 @@ def test_poses_reproject_the_models_onto_the_masks(place):
     linear, copies = PLACES[place]
     at = (0, 0, 0) if copies else (0, 0, 2.0)
     for name, shape in SHAPES.items():
-        item = thing(name, shape, at, linear, copies)
+        item = placed_object(name, shape, at, linear, copies)
         truth, scene, _ = view(item, camera=LARGE)
         assert len(truth.objects) == max(1, len(copies))
         assert len(rendering.object_models(scene)) == 1
@@ -211,14 +213,16 @@ def painted(body, vertices, faces, camera, factor=8):
 
 def test_stretched_meshes_have_rigid_poses_and_stretched_models():
     stretched = rotation(8) @ np.diag([0.5, 1.5, 0.8])
-    (body,) = bodies_of(thing("mesh", SHAPES["box"], (0, 0, 2.5), stretched))
+    (body,) = bodies_of(placed_object("mesh", SHAPES["box"], (0, 0, 2.5), stretched))
     np.testing.assert_allclose(body.cam_from_object[:3, :3], rotation(8), atol=1e-9)
     np.testing.assert_allclose(np.ptp(body.extent, axis=0), [0.2, 0.9, 0.16], atol=1e-9)
 
 
 def test_the_same_mesh_has_the_same_model_in_every_pose_and_another_one_in_another_size():
     def model(linear):
-        (body,) = bodies_of(thing("m", SHAPES["bunched mesh"], (0, 0, 2.5), linear))
+        (body,) = bodies_of(
+            placed_object("m", SHAPES["bunched mesh"], (0, 0, 2.5), linear)
+        )
         return body.model
 
     assert model(rotation(1)) == model(rotation(2)) == model(1.0)
@@ -248,7 +252,7 @@ def test_shapes_of_a_mitsuba_file_have_the_worlds_axes(tmp_path):
 def test_an_object_of_several_materials_is_one_object():
     mesh = SHAPES["box"]
     surface = np.arange(len(mesh.faces), dtype=np.uint32) % 2
-    whole = thing("box", mesh, (0, 0, 2.0), rotation(1))
+    whole = placed_object("box", mesh, (0, 0, 2.0), rotation(1))
     two_paints = {"shape": replace(mesh, surface=surface), "material": ("grey", "dark")}
     (body,), (joined,) = bodies_of(whole), bodies_of(replace(whole, **two_paints))
     names = "object_id model silhouette pixel_count box visible_pixel_count visible_box"

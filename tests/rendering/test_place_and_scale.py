@@ -153,9 +153,9 @@ def test_truth_is_the_same_at_any_place_and_scale(scale, place):
         )
         positions = scale * truth.position[same] + np.array(place)
         np.testing.assert_allclose(far.position[same], positions, rtol=0, atol=rounding)
-        known = same & np.isfinite(truth.disparity) & np.isfinite(far.disparity)
-        assert known.mean() > 0.5
-        disparities = far.disparity[known], truth.disparity[known]
+        finite = same & np.isfinite(truth.disparity) & np.isfinite(far.disparity)
+        assert finite.mean() > 0.5
+        disparities = far.disparity[finite], truth.disparity[finite]
         np.testing.assert_allclose(*disparities, rtol=0, atol=1e-3)
         for ours, theirs in zip(far.objects, truth.objects, strict=True):
             assert abs(ours.pixel_count - theirs.pixel_count) <= 2

@@ -55,10 +55,10 @@ def rows(which, scenes, folder):
 @pytest.mark.slow
 def test_scenes_of_families_share_a_kernel_and_keep_their_images(tmp_path):
     shared = rows("shared", SCENES, tmp_path / "shared")
-    own = rows("own", SCENES, tmp_path / "own")
+    apart = rows("own", SCENES, tmp_path / "own")
     assert [kernels for kernels, _ in shared] == [1, 0, 0, 0]
-    assert [kernels for kernels, _ in own] == [1, 1, 1, 1]
-    assert [digest for _, digest in shared] == [digest for _, digest in own]
+    assert [kernels for kernels, _ in apart] == [1, 1, 1, 1]
+    assert [digest for _, digest in shared] == [digest for _, digest in apart]
 
 
 @pytest.mark.slow

@@ -75,12 +75,12 @@ def test_the_second_dimension_is_that_of_another_implementation():
 
     from twinlens.rendering.sobol import _second_dimension
 
-    found = (
+    points = (
         np.array(dr.brev(_second_dimension(dr.arange(mi.UInt32, 1 << 10)))) / 2.0**32
     )
     theirs = qmc.Sobol(2, scramble=False).random_base2(10)
     ours = np.stack(
-        [[int(f"{i:010b}"[::-1], 2) / 2**10 for i in range(1 << 10)], found], axis=-1
+        [[int(f"{i:010b}"[::-1], 2) / 2**10 for i in range(1 << 10)], points], axis=-1
     )
     assert np.array_equal(ours[np.lexsort(ours.T)], theirs[np.lexsort(theirs.T)])
 

@@ -77,9 +77,9 @@ def test_a_channel_has_the_distance_to_the_second_surface(monkeypatch):
         expected = distance_to_plane(
             directions, np.subtract(at, (centre, 0, 0)), towards
         )
-        found = truth.extra["second_distance"]
-        assert found.shape == truth.depth.shape
-        np.testing.assert_allclose(found.ravel(), expected, rtol=SINGLE)
+        second = truth.extra["second_distance"]
+        assert second.shape == truth.depth.shape
+        np.testing.assert_allclose(second.ravel(), expected, rtol=SINGLE)
 
 
 @pytest.mark.parametrize(

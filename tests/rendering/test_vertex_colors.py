@@ -31,8 +31,8 @@ LAMBERT = with_extensions(specular={"specularFactor": 0.0})
 
 def scene_of(path):
     model = read_model(path, SceneContext(path.parent))
-    thing = SceneObject("square", model.mesh, tuple(model.materials), np.eye(4))
-    return Scene("square", (thing,), model.materials, EYE, (1.0, 9.0), SKY)
+    item = SceneObject("square", model.mesh, tuple(model.materials), np.eye(4))
+    return Scene("square", (item,), model.materials, EYE, (1.0, 9.0), SKY)
 
 
 def seen(scene, camera=CAMERA, spp=64):

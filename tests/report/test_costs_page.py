@@ -42,8 +42,8 @@ class Listed:
     """A method of the board that is not run: it returns the disparity of `textured_pair`."""
 
     def __init__(self, text):
-        given = parse_method(text)
-        self.name, self.spec = given.name, given.spec
+        parsed = parse_method(text)
+        self.name, self.spec = parsed.name, parsed.spec
 
     def match(self, left, right, **search):
         return np.full(left.shape[:2], 4, np.float32)
@@ -202,9 +202,9 @@ def asked_page(board, samples, maps, folder, right_maps=None, **asked):
         "ASKED", json.dumps({"methods": [], "curves": [], "reasons": [], **asked})
     )
     dom = browse(folder / "page.html", text.replace("</body>", driver + "</body>"))
-    found = re.search(r'<pre id="results">(.*?)</pre>', dom, re.S)
-    assert found, re.search(r"<title>(.*?)</title>", dom, re.S)[1]
-    return json.loads(html.unescape(found[1]))
+    shown = re.search(r'<pre id="results">(.*?)</pre>', dom, re.S)
+    assert shown, re.search(r"<title>(.*?)</title>", dom, re.S)[1]
+    return json.loads(html.unescape(shown[1]))
 
 
 @needs_chromium
@@ -280,8 +280,8 @@ def test_reasons_are_the_known_causes(tmp_path):
     for pixel, answer in zip(asked, results["reasons"], strict=True):
         assert_same_reason(answer, pythons_reason(pair, page[2], *pixel), pixel)
     assert {"right", "other"} < {kind for kind, _ in results["reasons"]}
-    found = results["reasons"][: len(labelled)]
-    answers = [(pixel, *reason) for pixel, reason in zip(labelled, found, strict=True)]
+    shown = results["reasons"][: len(labelled)]
+    answers = [(pixel, *reason) for pixel, reason in zip(labelled, shown, strict=True)]
     misses = [answer for answer in answers if answer[0][3] != answer[1]]
     assert len(misses) <= 0.1 * len(answers), misses
     assert results["clicked"] == ["84", "60"]
@@ -323,8 +323,8 @@ def test_doubts_without_truth_are_pythons(tmp_path):
     kinds = {kind for kind, _ in results["reasons"]}
     assert {"none", "texture", "range", "repetition", "occluded"} <= kinds
     # Wrong for want of texture, or beyond the right image, or in a repetition: seldom without a sign.
-    found = dict(zip(labelled, results["reasons"], strict=False))
-    of_texture = [found[pixel][0] for pixel in labelled if pixel[3] == "texture"]
+    shown = dict(zip(labelled, results["reasons"], strict=False))
+    of_texture = [shown[pixel][0] for pixel in labelled if pixel[3] == "texture"]
     assert of_texture.count("texture") >= 0.7 * len(of_texture)
     assert results["names"] == ["window left", "window estimate", "window rival"]
     assert (results["rows"], results["windows"]) == (2, 3)

@@ -144,10 +144,10 @@ def test_the_page_has_the_law_the_legends_and_the_documentation(tmp_path):
 
 
 def test_a_page_names_the_pages_of_any_study_and_no_folder_of_this_machine(tmp_path):
-    own = replace(STUDY, lesson="my <lesson>.py", docs="notes.md#results")
+    changed = replace(STUDY, lesson="my <lesson>.py", docs="notes.md#results")
     taught = next(iter(STUDIES.values()))
     shared = replace(STUDY, lesson=taught.lesson, docs=taught.docs)
-    for study in (own, shared):
+    for study in (changed, shared):
         page = write_study(tmp_path, run_study(study)).read_text()
         for name in (study.lesson, study.docs):
             assert f"<code>{html.escape(name)}</code>" in page

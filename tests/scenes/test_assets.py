@@ -23,10 +23,10 @@ def home(tmp_path):
 
 
 def test_files_below_the_folder_are_found_and_recorded(home):
-    found = find_asset("deep/in.png", home)
-    assert found.read_text() == "x"
-    assert find_asset("inner.png", home) == found
-    assert home.files == [found, found]
+    path = find_asset("deep/in.png", home)
+    assert path.read_text() == "x"
+    assert find_asset("inner.png", home) == path
+    assert home.files == [path, path]
 
 
 OUTSIDE = "../out.png deep/../../out.png link.png folder/out.png /etc/passwd C:/x.png ..\\out.png"

@@ -101,13 +101,13 @@ def test_circular_texture_references_are_an_error():
 @pytest.mark.parametrize("name", PATTERNS)
 def test_every_pattern_rejects_unknown_and_missing_keys(name):
     needed = {"cells": 4, "count": 3, "radius": 0.1, "spokes": 5, "rings": 3}
-    given = {key: needed[key] for key in required(PATTERNS[name])}
-    assert paint({"type": name, "size": 16, **given}).pixels.shape == (16, 16)
+    keys = {key: needed[key] for key in required(PATTERNS[name])}
+    assert paint({"type": name, "size": 16, **keys}).pixels.shape == (16, 16)
     with pytest.raises(InputError, match="unknown key 'sede'; did you mean 'seed'"):
-        paint({"type": name, "sede": 1, **given})
-    for key in given:
+        paint({"type": name, "sede": 1, **keys})
+    for key in keys:
         with pytest.raises(InputError, match=f"missing key '{key}'"):
-            paint({"type": name, **{k: v for k, v in given.items() if k != key}})
+            paint({"type": name, **{k: v for k, v in keys.items() if k != key}})
 
 
 def test_pictures_are_read_with_their_own_encoding(tmp_path):

@@ -50,7 +50,7 @@ def eth3d(disp, gt, mask):
 
 def kitti(disp, gt, mask):
     filled = [[-1.0 if d == INF else d for d in row] for row in fill(disp)]
-    n = outliers = given = outliers_given = 0
+    n = outliers = estimated = outliers_given = 0
     for y, row in enumerate(gt):
         for x, true in enumerate(row):
             if true == INF or not mask[y][x]:
@@ -62,12 +62,12 @@ def kitti(disp, gt, mask):
             )
             outliers += outlier
             if 0 <= disp[y][x] < INF:
-                given += 1
+                estimated += 1
                 outliers_given += outlier
     return {
         "D1": share(outliers, n),
-        "D1_est": share(outliers_given, given),
-        "coverage": share(given, n),
+        "D1_est": share(outliers_given, estimated),
+        "coverage": share(estimated, n),
     }
 
 
@@ -75,22 +75,22 @@ def fill(disp):
     rows = [[d if 0 <= d < INF else None for d in row] for row in disp]
     width, height = len(rows[0]), len(rows)
     for row in rows:
-        known = [x for x in range(width) if row[x] is not None]
-        if not known:
+        places = [x for x in range(width) if row[x] is not None]
+        if not places:
             continue
         for x in range(width):
             if row[x] is None:
-                left = [row[k] for k in known if k < x][-1:]
-                right = [row[k] for k in known if k > x][:1]
+                left = [row[k] for k in places if k < x][-1:]
+                right = [row[k] for k in places if k > x][:1]
                 row[x] = ("fill", min(left + right))
         row[:] = [d[1] if isinstance(d, tuple) else d for d in row]
     for x in range(width):
-        known = [y for y in range(height) if rows[y][x] is not None]
+        places = [y for y in range(height) if rows[y][x] is not None]
         for y in range(height):
-            if known and y < known[0]:
-                rows[y][x] = rows[known[0]][x]
-            if known and y > known[-1]:
-                rows[y][x] = rows[known[-1]][x]
+            if places and y < places[0]:
+                rows[y][x] = rows[places[0]][x]
+            if places and y > places[-1]:
+                rows[y][x] = rows[places[-1]][x]
     return [[INF if d is None else d for d in row] for row in rows]
 
 

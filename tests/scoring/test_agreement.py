@@ -121,7 +121,7 @@ def test_the_interval_is_that_of_scipys_bootstrap_of_scenes():
     """SciPy resamples indices of the scenes of one board; the other one has too few scenes to be resampled."""
     values, scenes = clustered(7, 8, 3)
     fixed = board(noisy(6, 1, 6))
-    found = agreement(board(values, scenes=scenes), fixed, resamples=1000).tau
+    interval = agreement(board(values, scenes=scenes), fixed, resamples=1000).tau
     ranks, other = stats.rankdata(values, axis=1), stats.rankdata(noisy(6, 1, 6)[0])
 
     def tau(chosen):
@@ -139,8 +139,8 @@ def test_the_interval_is_that_of_scipys_bootstrap_of_scenes():
         rng=np.random.default_rng(1),
     ).confidence_interval
     step = 2 / 15  # of tau, for six methods
-    assert found.low == pytest.approx(limits.low, abs=step + 1e-9)
-    assert found.high == pytest.approx(limits.high, abs=step + 1e-9)
+    assert interval.low == pytest.approx(limits.low, abs=step + 1e-9)
+    assert interval.high == pytest.approx(limits.high, abs=step + 1e-9)
 
 
 def test_copies_of_a_scenes_images_add_no_information():

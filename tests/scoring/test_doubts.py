@@ -83,21 +83,21 @@ def test_honest_maps_raise_no_doubt(real, method):
 def bad_maps(truth):
     """Maps of methods that work badly or not at all."""
     random = np.random.default_rng(0)
-    known = np.where(np.isfinite(truth), truth, 30)
+    filled = np.where(np.isfinite(truth), truth, 30)
     shape = truth.shape
     ramp = np.linspace(0, LAST, shape[1])
     return {
         "noise": random.uniform(0, LAST, shape),
         "zero": np.zeros(shape),
         "one": np.ones(shape),
-        "median": np.full(shape, np.median(known)),
-        "double": np.full(shape, 2 * np.median(known)),
+        "median": np.full(shape, np.median(filled)),
+        "double": np.full(shape, 2 * np.median(filled)),
         "ramp": np.broadcast_to(ramp, shape),
         "steep": np.broadcast_to(16 * ramp, shape),
-        "blurred": cv2.GaussianBlur(known, (0, 0), 40),
-        "noisy": known + random.normal(0, 6, shape),
-        "clipped": np.minimum(known, 25),
-        "sparse": np.where(random.random(shape) < 1e-4, known, np.inf),
+        "blurred": cv2.GaussianBlur(filled, (0, 0), 40),
+        "noisy": filled + random.normal(0, 6, shape),
+        "clipped": np.minimum(filled, 25),
+        "sparse": np.where(random.random(shape) < 1e-4, filled, np.inf),
     }
 
 

@@ -180,9 +180,9 @@ def test_a_confidence_adds_the_area_of_its_sparsification(protocol, limit):
     disp = (gt + rng.normal(0, 2, gt.shape)).astype(np.float32)
     disp[rng.random(gt.shape) < 0.2], gt[:2] = INF, INF
     scores = evaluate(disp, gt, protocol=protocol, confidence=trust).all
-    known = np.isfinite(gt) & np.isfinite(disp)
-    bad = np.abs(disp[known].astype(float) - gt[known]) > limit
-    curve = sparsification(trust[known], bad)
+    finite = np.isfinite(gt) & np.isfinite(disp)
+    bad = np.abs(disp[finite].astype(float) - gt[finite]) > limit
+    curve = sparsification(trust[finite], bad)
     assert scores[f"auc{limit}"] == pytest.approx(100 * curve.auc)
     assert scores[f"auc{limit}_opt"] == pytest.approx(100 * curve.optimal_auc)
     assert scores.sparsification[-1] == pytest.approx(100 * bad.mean())

@@ -23,18 +23,18 @@ def test_the_pair_has_the_documented_content(pair):
     assert pair.im0.shape == pair.im1.shape == (500, 741, 3)
     assert pair.im0.dtype == np.uint8
     assert pair.disp0.shape == pair.mask0_nonocc.shape == (500, 741)
-    known = np.isfinite(pair.disp0)
+    finite = np.isfinite(pair.disp0)
     assert not np.isnan(pair.disp0).any()
-    assert 0.92 < known.mean() < 0.93
-    np.testing.assert_array_equal(pair.mask0_nonocc == 0, ~known)
+    assert 0.92 < finite.mean() < 0.93
+    np.testing.assert_array_equal(pair.mask0_nonocc == 0, ~finite)
 
 
 def test_the_calibration_fits_the_data(pair):
     calibration = pair.calibration
     assert (calibration.height, calibration.width) == pair.im0.shape[:2]
-    known = pair.disp0[np.isfinite(pair.disp0)]
-    assert known.min() >= calibration.vmin
-    assert known.max() <= calibration.vmax < pair.ndisp == calibration.ndisp
+    finite = pair.disp0[np.isfinite(pair.disp0)]
+    assert finite.min() >= calibration.vmin
+    assert finite.max() <= calibration.vmax < pair.ndisp == calibration.ndisp
     # Quarters of the published values.
     assert calibration.fx * 4 == pytest.approx(3979.911, abs=2e-3)
     assert calibration.doffs * 4 == pytest.approx(124.343, abs=2e-3)

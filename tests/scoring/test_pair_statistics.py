@@ -63,7 +63,7 @@ def naive_warp(pair, right):
 def naive(pair):
     """Each statistic by its definition or with another library; without the noise from wavelets."""
     left, right = (image @ [0.299, 0.587, 0.114] for image in (pair.im0, pair.im1))
-    known = np.isfinite(pair.disp0)
+    finite = np.isfinite(pair.disp0)
     warped, used = naive_warp(pair, right)
     difference = np.where(used, left - warped, np.nan)
     around = windows_of(np.pad(difference, 10, constant_values=np.nan), 21)
@@ -94,8 +94,8 @@ def naive(pair):
         "kurtosis": moments[1] / moments[0] ** 2,
         "correlation": np.median([np.corrcoef(a, b)[0, 1] for a, b in both]),
         "gradient": np.median(np.hypot(across, down)),
-        "occluded": (pair.mask0_nonocc == 128).sum() / known.sum(),
-        "largest_disparity": pair.disp0[known].max() / left.shape[1],
+        "occluded": (pair.mask0_nonocc == 128).sum() / finite.sum(),
+        "largest_disparity": pair.disp0[finite].max() / left.shape[1],
         "width": left.shape[1],
     }
 

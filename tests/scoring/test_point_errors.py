@@ -43,9 +43,9 @@ def random_maps(seed):
 @settings(max_examples=25, deadline=None)
 def test_point_errors_are_distances_of_reprojected_points(seed):
     disp, gt = random_maps(seed)
-    distances, shares, known = [], [], 0
+    distances, shares, count = [], [], 0
     for v, u in np.argwhere(np.isfinite(gt)):
-        known += 1
+        count += 1
         if disp[v, u] + 3.0 > 0 and np.isfinite(disp[v, u]):
             true = reproject(u, v, float(gt[v, u]))
             distances.append(
@@ -53,7 +53,7 @@ def test_point_errors_are_distances_of_reprojected_points(seed):
             )
             shares.append(distances[-1] / float(np.linalg.norm(true)))
     scores = evaluate(disp, gt, protocol="points", calibration=CALIBRATION).all
-    assert scores["coverage"] == pytest.approx(100 * len(distances) / known)
+    assert scores["coverage"] == pytest.approx(100 * len(distances) / count)
     assert scores["point_avgerr"] == pytest.approx(np.mean(distances), rel=1e-9)
     assert scores["point_rms"] == pytest.approx(
         math.sqrt(np.mean(np.square(distances))), rel=1e-9

@@ -152,14 +152,14 @@ def test_fitted_sensors_multiply_the_variance_of_the_noise():
     noisier = sensor.replace(**fields)
     for level in (0.02, 0.2, 0.6):
         variances, means = [], []
-        for each in (sensor, noisier):
-            rate = each.level_rate(
+        for variant in (sensor, noisier):
+            rate = variant.level_rate(
                 np.ones((200, 200, 3)), camera=camera, lens=Pinhole()
             ).mean()
             # The exposure is that of the first sensor: the second must reach the same level with it.
             exposure = Exposure(1.0, 1.0)
             light = np.full((200, 200, 3), level / rate)
-            image = each.replace(white_balance=False).expose(
+            image = variant.replace(white_balance=False).expose(
                 light, camera=camera, lens=Pinhole(), exposure=exposure
             )
             channels = image.image.reshape(-1, 3).astype(float)
@@ -241,10 +241,10 @@ def test_toml_has_the_same_recipe():
     }
     text = recipe_toml(recipe)
     assert "\nuniform = [-0.1, 0.1]\n" in text
-    found = tomllib.loads(text)
-    assert found["lenses"][0].pop("focus") == math.inf
+    fitted = tomllib.loads(text)
+    assert fitted["lenses"][0].pop("focus") == math.inf
     recipe["lenses"][0].pop("focus")
-    assert found == recipe
+    assert fitted == recipe
 
 
 def datasets(folder, count, **changes):
@@ -277,14 +277,14 @@ def statistics(path):
 
 def errors_of(dataset):
     """Errors of `light_difference` beside the recorded mismatches, and these, (N, 5) each."""
-    found = np.array(
+    fitted = np.array(
         [light_difference(pair, Sensor())[0] for pair in open_pairs([str(dataset)])]
     )
     records = [
         sample.record["record"]["sensor"]["mismatch"] for sample in Dataset(dataset)
     ]
     true = np.array([[record[name] for name in LIGHT] for record in records])
-    return found - true, true
+    return fitted - true, true
 
 
 @pytest.fixture(scope="module")

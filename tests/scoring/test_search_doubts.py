@@ -52,17 +52,17 @@ def test_features_have_the_shift_of_the_images():
     right = gaussian_filter(np.random.default_rng(1).normal(0, 1, (90, 160)), 1.5)
     right = np.uint8(np.clip(128 + 120 * right / np.abs(right).max(), 0, 255))
     for shift in (12, -7):
-        found = disparities_of_features(np.roll(right, shift, axis=1), right)
-        assert len(found) > 20
-        assert np.median(found) == pytest.approx(shift, abs=0.1)
+        disparities = disparities_of_features(np.roll(right, shift, axis=1), right)
+        assert len(disparities) > 20
+        assert np.median(disparities) == pytest.approx(shift, abs=0.1)
 
 
 def test_large_images_are_reduced_and_flat_or_tiny_ones_have_no_features():
     small = gaussian_filter(np.random.default_rng(2).normal(0, 1, (200, 300)), 1.0)
     small = np.uint8(np.clip(128 + 120 * small / np.abs(small).max(), 0, 255))
     right = np.repeat(np.repeat(small, 4, axis=0), 4, axis=1)
-    found = disparities_of_features(np.roll(right, 40, axis=1), right)
-    assert np.median(found) == pytest.approx(40, abs=0.5)
+    disparities = disparities_of_features(np.roll(right, 40, axis=1), right)
+    assert np.median(disparities) == pytest.approx(40, abs=0.5)
     assert not len(disparities_of_features(right[:20], right[:20]))
     flat = np.full((60, 80, 3), 90, np.uint8)
     assert not len(disparities_of_features(flat, flat))

@@ -201,8 +201,8 @@ def test_every_lens_of_a_sample_has_a_plain_name(tmp_path):
         files = {name: encode[name[-3:]](DISP + k) for k, name in enumerate(names)}
         submission = submitted(tmp_path / str(number), files, packed=False)
         for k, (sample, aliases) in enumerate(LENSES.items()):
-            found = submission.map_of(sample, SHAPE, aliases)
-            np.testing.assert_array_equal(found, DISP + k, err_msg=str(names))
+            disparity = submission.map_of(sample, SHAPE, aliases)
+            np.testing.assert_array_equal(disparity, DISP + k, err_msg=str(names))
 
 
 def test_a_map_of_one_lens_is_not_used_for_another(tmp_path):

@@ -40,10 +40,10 @@ def levels(sensor: Sensor, electrons: tuple[float, float], frames: int) -> np.nd
     return np.array(images, dtype=float).swapaxes(0, 1) - 300
 
 
-def assert_moments(found: np.ndarray, mean: float, variance: float) -> None:
+def assert_moments(values: np.ndarray, mean: float, variance: float) -> None:
     """Within 4 standard errors."""
-    assert found.mean() == pytest.approx(mean, abs=4 * np.sqrt(variance / found.size))
-    assert found.var() == pytest.approx(variance, rel=4 * np.sqrt(2 / found.size))
+    assert values.mean() == pytest.approx(mean, abs=4 * np.sqrt(variance / values.size))
+    assert values.var() == pytest.approx(variance, rel=4 * np.sqrt(2 / values.size))
 
 
 def test_mean_and_variance_of_the_halves():

@@ -102,8 +102,8 @@ def test_a_lens_below_f1_gives_a_paraxial_warning(f_number, warns):
             warnings.simplefilter("always")
             call()
         expected = [(ParaxialWarning, __file__)] * warns
-        assert [(each.category, each.filename) for each in caught] == expected
-        assert all("\n" not in str(each.message) for each in caught)
+        assert [(warning.category, warning.filename) for warning in caught] == expected
+        assert all("\n" not in str(warning.message) for warning in caught)
 
 
 @pytest.mark.parametrize("fast", [0, 1, 2])
