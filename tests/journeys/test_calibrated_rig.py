@@ -88,14 +88,14 @@ FISHEYE = """cam0:
   camera_model: pinhole
   distortion_model: equidistant
   distortion_coeffs: [-0.013, 0.021, -0.016, 0.004]
-  intrinsics: [47.7, 47.7, 63.6, 64.1]
+  intrinsics: [60.7, 60.7, 63.6, 64.1]
   resolution: [128, 128]
 cam1:
   T_cn_cnm1: [[1, 0, 0, -0.11], [0, 1, 0, 0.001], [0, 0, 1, -0.001], [0, 0, 0, 1]]
   camera_model: pinhole
   distortion_model: equidistant
   distortion_coeffs: [-0.013, 0.021, -0.016, 0.004]
-  intrinsics: [47.6, 47.6, 63.1, 63.8]
+  intrinsics: [60.6, 60.6, 63.1, 63.8]
   resolution: [128, 128]
 """
 
@@ -119,9 +119,15 @@ def test_a_calib_txt_needs_no_rectification(twinlens, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_fisheyes_that_see_each_other_become_a_pair(twinlens, tmp_path, monkeypatch):
-    """Of 155 degrees, as a camchain of Kalibr: each sees the other at its edge."""
+def test_fisheyes_become_a_pair(twinlens, tmp_path, monkeypatch):
+    """Of 121 degrees along the row and 171 along the diagonal, a crop of wider ones, which are no samples' cameras."""
     monkeypatch.chdir(tmp_path)
+    Path("camchain.yaml").write_text(FISHEYE.replace("60.", "47."))
+    write_recipe(tmp_path, ["camchain.yaml"])
+    assert "Crop their images" in twinlens("cameras", "--read", "camchain.yaml")[1]
+    code, _, err = twinlens("generate", "calibrated.toml", "-o", "made")
+    assert code == 2
+    assert "crop a fisheye's images" in err
     Path("camchain.yaml").write_text(FISHEYE)
     write_recipe(tmp_path, "camchain.yaml")
     assert twinlens("generate", "calibrated.toml", "-o", "made")[0] == 0

@@ -145,7 +145,14 @@ def _described(named: NamedRig, files: tuple[Path, ...]) -> list[str]:
             "Read as k1 k2 p1 p2. If the coefficients are those of cv2.fisheye, name the file in a rig's .toml: "
             'file = "...", fisheye = true.'
         )
-    if len(cameras) == 2 and not record["is_rectified"]:
+    wide = [str(i) for i, camera in enumerate(named.rig.cameras) if camera.is_wide]
+    if wide:
+        lines.append(
+            "Not for samples, which hold depth along the axis: cameras that see 90 degrees or more from theirs "
+            f"({', '.join(wide)}). Crop their images: a smaller width and height, and cx and cy less by what is cut "
+            "left and above. `tl.render` takes them as they are."
+        )
+    elif len(cameras) == 2 and not record["is_rectified"]:
         lines.append(_rectify_line(named))
     if record["is_rectified"]:
         lines.append(_rectified_line(record))

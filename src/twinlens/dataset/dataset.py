@@ -189,10 +189,12 @@ class Dataset(Sequence[StoredSample]):
     def __init__(self, path: Where) -> None:
         self.path = place(path)
         if not self.path.is_dir():
-            problem = "not a folder"
-            if not self.path.exists():
-                problem = f"no such folder{file_hint(self.path)}"
-            raise FileError(f"{self.path}: {problem}; a dataset is a folder of samples")
+            is_missing = not self.path.exists()
+            problem = "no such folder" if is_missing else "not a folder"
+            hint = file_hint(self.path) if is_missing else ""
+            raise FileError(
+                f"{self.path}: {problem}; a dataset is a folder of samples{hint}"
+            )
         if (self.path / MANIFEST).is_file():
             manifest = read_manifest(self.path)
             self._samples = tuple(stored(self.path, row) for row in manifest.rows)

@@ -134,7 +134,8 @@ class Shoot(Settings, noun="sample"):
         self.sensor.check_mismatches(rig)
         if any(camera.is_wide for camera in rig.cameras):
             raise InputError(
-                "a sample holds depth along the axis: its cameras must see less than 90 degrees from theirs"
+                "a sample holds depth along the axis: its cameras must see less than 90 degrees from theirs; crop a "
+                "fisheye's images: a smaller width and height, and cx and cy less by what is cut left and above"
             )
         self._check_frames(rig)
         for lens in lenses:

@@ -189,8 +189,8 @@ def read_board(path: str | os.PathLike[str]) -> Board:
     path = Path(path) / "board.json" if Path(path).is_dir() else Path(path)
     if not path.exists():
         raise FileError(
-            f"{path}: no such file{file_hint(path)}; a board is a folder that `twinlens benchmark` writes, or its "
-            "board.json"
+            f"{path}: no such file; a board is a folder that `twinlens benchmark` writes, or its board.json"
+            f"{file_hint(path)}"
         )
     if path.is_file() and path.stat().st_size > MAX_BYTES:
         raise FileError(

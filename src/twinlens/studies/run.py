@@ -230,7 +230,8 @@ def find_study(name: str | os.PathLike[str]) -> Study:
 def _from_file(path: Path) -> Study:
     if not path.is_file():
         raise FileError(
-            f"{path}: no such file{file_hint(path)}; a study file is a Python file that defines STUDY = Study(...)"
+            f"{path}: no such file; a study file is a Python file that defines STUDY = Study(...)"
+            f"{file_hint(path)}"
         )
     with _located(path):
         namespace = runpy.run_path(str(path))
