@@ -130,7 +130,7 @@ BOX = {"file": "parts/box.ply", "material": "red"}
 
 
 @pytest.mark.parametrize("parts", ["parts", "thin"])
-@pytest.mark.parametrize("count", [20, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [10, pytest.param(1000, marks=pytest.mark.slow)])
 def test_own_meshes_rest_without_intersections(folder, count, parts):
     """By winding numbers and crossing edges, which find any depth; beside a body that is drawn anew."""
     recipe = recipe_of(
