@@ -9,7 +9,7 @@ from twinlens.families.composition import Composition
 from twinlens.families.lighting import KINDS
 from twinlens.geometry import transform_points
 
-SEEDS = range(8)
+SEEDS = range(6)
 
 
 def spread(values):
@@ -38,7 +38,7 @@ def test_numbers_of_objects_are_spread(family):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_some_cameras_are_held_by_hand_and_most_are_level(family):
     rolls = []
-    for seed in range(8):
+    for seed in SEEDS:
         right = bare_scene(family, seed).world_from_left[:3, 0]
         rolls.append(np.degrees(np.arcsin(abs(right[2]))))
     assert np.median(rolls) < 3
