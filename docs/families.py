@@ -74,7 +74,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--families", nargs="+", default=list(FAMILIES))
     parser.add_argument("--count", type=int, default=24, help="scenes of each family")
-    parser.add_argument("--seed", type=int, default=10_000, help="the first one")
+    parser.add_argument("--seed", type=int, default=30_000, help="the first one")
     parser.add_argument("--tiles", type=Path, help="a folder that keeps the images")
     options = parser.parse_args()
     if options.tiles:

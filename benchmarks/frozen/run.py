@@ -29,7 +29,7 @@ from twinlens.scoring import (
 )
 
 HERE = Path(__file__).parent
-VERSION = 2
+VERSION = 3
 DATASETS = ("bundled", "families")
 PROTOCOL, REGIONS = (
     "middlebury-v3",

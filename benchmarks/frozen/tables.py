@@ -50,7 +50,8 @@ def page() -> str:
 
 def samples_of(board: Board, lens: str) -> list[str]:
     """The samples of a board through the pinhole, or through the lens."""
-    return [name for name in board.samples if f" · {lens}" in name]
+    is_pinhole = lens == "pinhole"
+    return [name for name in board.samples if (" · pinhole" in name) == is_pinhole]
 
 
 def with_samples(board: Board, samples: Sequence[str]) -> Board:

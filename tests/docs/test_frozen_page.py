@@ -67,27 +67,13 @@ def test_costs_that_compare_brightness_are_worse_than_invariant_ones(board):
         )
 
 
-SCENE_STATISTICS = {
-    "edges",
-    "thin",
-    "slant",
-    "slant_high",
-    "range",
-    "unknown",
-    "dark",
-    "bright",
-    "plain_areas",
-}
-"""Of which the frozen results have none."""
-
-
 @pytest.mark.parametrize(
     "name",
     [
         name
         for name, statistic in STATISTICS.items()
-        if math.isfinite(statistic.real[1])
-        and name not in {"kurtosis", *SCENE_STATISTICS}
+        # Half of the scenes have no sky, and the truth of no scene has holes, as that of scanners has.
+        if math.isfinite(statistic.real[1]) and name != "unknown"
     ],
 )
 def test_image_statistics_are_near_those_of_real_pairs(name):

@@ -47,5 +47,5 @@ def test_a_board_is_as_hard_as_itself(validity):
     assert found.tau[0] == 1
     assert set(found.levels.values()) == {0.0}
     page = validity.page_of(board, [found], "1.00", {})
-    assert "20 real pairs" in page
+    assert "25 real pairs" in page
     assert "nan" not in page
