@@ -103,6 +103,31 @@ def test_images_have_the_brightness_of_mitsubas(name):
     assert ours == pytest.approx(theirs, rel=0.01)
 
 
+@pytest.mark.slow
+def test_what_is_looked_up_is_the_mean_of_surfaces_that_are_met_from_afar(monkeypatch):
+    """Below the things on a table, surfaces are met from nearby, and not looked up; their cells were 0.9 % too dark."""
+    from twinlens.rendering import irradiance_cache
+
+    kept = []
+    tables = irradiance_cache._tables
+
+    def keeping(paths, cell, *options):
+        kept.append((paths, cell, tables(paths, cell, *options)))
+        return kept[0][2]
+
+    monkeypatch.setattr(irradiance_cache, "_tables", keeping)
+    scene = tl.load_scene("tabletop")
+    rig = Rig.stereo(LARGE.cameras[0], 0.1, scene.world_from_left)
+    cache = for_denoising(build(scene), rig, "rgb", 0).integrator.cache
+    [(paths, cell, irradiance)] = kept
+    [size] = np.array(cache._size)
+    is_far = (cell[1:-1] >= 0) & (paths.distance[1:-1] > size)
+    assert 0.7 < is_far.sum() / (cell[1:-1] >= 0).sum() < 0.9
+    shared = irradiance[0][cell[1:-1][is_far]]
+    own = paths.irradiance[1:-1][is_far]
+    np.testing.assert_allclose(shared.mean(axis=0), own.mean(axis=0), rtol=1e-3)
+
+
 @pytest.mark.parametrize("gap", [0.002, 0.02, 0.2])
 def test_no_sample_of_the_irradiance_is_far_above_what_lights_can_give(gap):
     """A lamp of radiance L gives at most pi L, and no sample more than 1.5 pi L; so do the means of cells."""
@@ -185,7 +210,10 @@ def test_light_that_would_grow_without_limit_ends():
     colours = np.ones((4, 2, 3), np.float32)
     met = 2 * ones
     cell = np.array([[0, 1], [0, 1], [1, 0], [0, 1]])
-    paths = _Paths(met, ones, colours, 1.5 * colours, colours, 0 * colours, colours)
+    unused = np.float32(ones)
+    paths = _Paths(
+        met, unused, colours, colours, 1.5 * colours, colours, 0 * colours, colours
+    )
     assert _tables(paths, cell, 2, -1).max() < 200
     after_bounces = _tables(paths, cell, 2, 3)[:, 0, 0]
     np.testing.assert_allclose(after_bounces, np.cumsum(1.5 ** np.arange(4)))

@@ -51,6 +51,7 @@ _UNKNOWN = -2  # in the place of a cell: a surface without a cell, or not traced
 class _Paths:
     """What path n meets after k surfaces that scatter light, arrays (K, N, ...).
 
+    distance : from the start of the ray that met the surface.
     reflectance : share of the light on the surface that leaves it towards the surface before.
     arrival : share of the light that passes the mirrors and glass between the two.
     emission : radiance of the lights that these show.
@@ -58,6 +59,7 @@ class _Paths:
     """
 
     met: NDArray[np.uint32]
+    distance: NDArray[np.float32]
     position: NDArray[np.float32]
     normal: NDArray[np.float32]
     reflectance: NDArray[np.float32]
@@ -92,9 +94,10 @@ class IrradianceCache:
         tables = _tables(paths, cell, len(samples), bounces)
 
         # Paths look up the row of a box: 0 where too few samples know its irradiance, else 1 + its cell.
-        sampled = np.flatnonzero(samples >= _LEAST_SAMPLES)
+        is_far = boxes % 2 == 0
+        sampled = np.flatnonzero((samples >= _LEAST_SAMPLES) & is_far)
         rows = np.zeros(math.prod(self._counts) * _FACES * _LAYERS, np.uint32)
-        rows[boxes[sampled]] = 1 + sampled
+        rows[boxes[sampled] // 2] = 1 + sampled
         self._rows = mi.UInt32(rows)
         self._tables = mi.Float(tables.astype(np.float32).ravel())
         self._count = dr.opaque(mi.UInt32, len(samples))
@@ -103,16 +106,20 @@ class IrradianceCache:
     def _cells_of(
         self, paths: _Paths
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """The cells, which are the boxes that have a sample, in order.
+        """The cells, in order: boxes that have a sample, apart for those met from nearby and from further away.
 
-        Returns their boxes (C,), the cell of each surface (K, N), and their numbers of samples (C,).
-        Without any, there is one cell without samples: Dr.Jit does not read from empty arrays.
+        Returns twice the boxes of the cells (C,), plus 1 for samples from nearby; the cell of each surface (K, N); and
+        the numbers of samples of the cells (C,). Without any, there is one cell without samples: Dr.Jit does not read
+        from empty arrays.
         """
         inside, boxes = (
             np.array(part).reshape(paths.met.shape)
             for part in self._box(_vectors(paths.position), _vectors(paths.normal))
         )
         inside &= paths.met == _SURFACE
+        # Surfaces that are met from nearby are in corners or below something, where less light arrives. Looked up are
+        # only those that are met from further away, so that the two have cells of their own.
+        boxes = 2 * boxes.astype(np.int64) + self._is_near(paths.distance)
         is_sample = inside[1:-1]
         used, cells, samples = np.unique(
             boxes[1:-1][is_sample], return_inverse=True, return_counts=True
@@ -126,6 +133,10 @@ class IrradianceCache:
         has_cell = inside[-1] & (used[last] == boxes[-1])
         cell[-1] = np.where(has_cell, last, _UNKNOWN)
         return used, cell, samples
+
+    def _is_near(self, distance: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Whether surfaces are nearer than a cell to where the ray started that met them: not looked up."""
+        return distance <= float(np.array(self._size)[0])
 
     def _set_bounds(self, positions: NDArray[np.float32]) -> None:
         """Set the grid around positions (N, 3), but for the few that lie far outside, with a margin of one cell."""
@@ -267,6 +278,7 @@ class _Tracer:
         self.scene, self.lamps, self.count = scene, lamps, count
         self.openings = openings
         self.kinds = dr.zeros(mi.UInt32, _SURFACES * count)
+        self.distances = dr.zeros(mi.Float, _SURFACES * count)
         *vectors, lit = [dr.zeros(mi.Float, 3 * _SURFACES * count) for _ in range(6)]
         self.vectors, self.lit = vectors, lit
         # The number of paths is opaque, so that kernels do not depend on it.
@@ -338,6 +350,7 @@ class _Tracer:
         row, kept = self._row(walk.scattered), met.scatters | ends
         kind = dr.select(met.scatters, mi.UInt32(_SURFACE), mi.UInt32(_NOTHING))
         dr.scatter(self.kinds, kind, row, kept)
+        dr.scatter(self.distances, met.si.t, row, kept)
         values = (met.si.p, met.normal, met.factor, walk.arrival, emission)
         for buffer, value in zip(self.vectors, values, strict=True):
             dr.scatter(buffer, mi.Color3f(value), row, kept)
@@ -345,12 +358,14 @@ class _Tracer:
     def paths(self) -> _Paths:
         """What has been kept, as NumPy arrays."""
         buffers = [*self.vectors, self.lit]
-        dr.eval(self.kinds, buffers)
+        dr.eval(self.kinds, self.distances, buffers)
         shape = _SURFACES, self.count
         arrays = (
             np.nan_to_num(np.array(buffer)).reshape(*shape, 3) for buffer in buffers
         )
-        return _Paths(np.array(self.kinds).reshape(shape), *arrays)
+        kinds = np.array(self.kinds).reshape(shape)
+        distances = np.array(self.distances).reshape(shape)
+        return _Paths(kinds, distances, *arrays)
 
 
 def _met(walk: _Walk, si: Any) -> _Met:
