@@ -10,12 +10,12 @@ from pathlib import Path
 
 from twinlens.errors import FileError
 
-_MODELS = (
+MODELS = (
     *("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"),
     *("OPENCV_FISHEYE", "FULL_OPENCV", "FOV"),
     *("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"),
 )
-"""By their numbers."""
+"""Camera models, in the order of their numbers."""
 _COUNT = struct.Struct("<Q")
 _CAMERA = struct.Struct("<iiQQ")  # id, model, width, height
 _IMAGE = struct.Struct("<i4d3di")  # id, quaternion w x y z, translation, camera
@@ -72,7 +72,7 @@ def binary_cameras(
     (count,) = numbers.take(_COUNT)
     for _ in range(int(count)):
         camera, number, width, height = map(int, numbers.take(_CAMERA))
-        model = _MODELS[number] if 0 <= number < len(_MODELS) else f"number {number}"
+        model = MODELS[number] if 0 <= number < len(MODELS) else f"number {number}"
         if model not in parameters:
             raise FileError(
                 f"{path}: camera {camera}: the model {model} is not supported; {', '.join(parameters)} are"

@@ -65,6 +65,11 @@ _NERF_NAMES = {
     *("fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy"),
     *("k1", "k2", "k3", "k4", "p1", "p2", "is_fisheye"),
 }
+_NERF_NOTES = {
+    *("depth_file_path", "ply_file_path"),
+    *("train_filenames", "val_filenames", "test_filenames"),
+}
+"""What a transforms.json says of images and points, not of cameras."""
 _NERF_MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE")
 
 
@@ -170,7 +175,7 @@ def read_transforms(path: FilePath, size: tuple[int, int] | None = None) -> Name
                 poses.append(_nerf_pose(frame))
                 image_names.append(str(frame["file_path"]))
         names = {name for keys in (table, *frames) for name in keys}
-        warn_not_used(path, sorted(names - _NERF_NAMES))
+        warn_not_used(path, sorted(names - _NERF_NAMES - _NERF_NOTES))
         return NamedRig(Rig(cameras, poses), tuple(image_names))
     except KeyError as error:
         place = f"{where}: " if where else ""

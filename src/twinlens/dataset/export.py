@@ -9,7 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import twinlens
-from twinlens.dataset import aperture_layouts, layouts, object_layouts
+from twinlens.dataset import (
+    aperture_layouts,
+    layouts,
+    multiview_layouts,
+    object_layouts,
+)
 from twinlens.dataset.dataset import MANIFEST, Dataset
 from twinlens.dataset.files import (
     check_replaceable,
@@ -50,6 +55,7 @@ LAYOUTS: dict[str, Layout] = {
     "bop": Layout(object_layouts.bop, needs_pair=False, has_objects=True),
     "carla": Layout(_each(layouts.carla)),
     "coco": Layout(object_layouts.coco, needs_pair=False, has_objects=True),
+    "colmap": Layout(_each(multiview_layouts.colmap), needs_pair=False),
     "dpdd": Layout(_each(aperture_layouts.dpdd), needs_pair=False),
     "eslf": Layout(_each(aperture_layouts.eslf), needs_pair=False),
     "eth3d": Layout(_each(layouts.eth3d)),
@@ -58,6 +64,7 @@ LAYOUTS: dict[str, Layout] = {
     "hci4d": Layout(_each(aperture_layouts.hci4d), needs_pair=False),
     "kitti2015": Layout(_each(layouts.kitti2015), has_objects=True),
     "middlebury": Layout(_each(layouts.middlebury)),
+    "nerfstudio": Layout(_each(multiview_layouts.nerfstudio), needs_pair=False),
     "parquet": Layout(layouts.parquet),
     "sceneflow": Layout(_each(layouts.sceneflow)),
     "sintel": Layout(_each(layouts.sintel)),

@@ -40,10 +40,13 @@ from twinlens.dataset.channels import (
     view_files,
 )
 from twinlens.dataset.codecs.calib import Calibration, encode_calib
+from twinlens.dataset.codecs.colmap import (
+    colmap_camera,
+    colmap_pose,
+)
 from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.files import read_bytes
-from twinlens.dataset.poses import colmap_camera, colmap_pose
 from twinlens.dataset.stored import StoredSample
 from twinlens.dataset.visibility import VISIBLE, Disparity
 from twinlens.errors import FileError, InputError, MissingExtraError

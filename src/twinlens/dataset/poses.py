@@ -4,6 +4,7 @@
 """
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -11,11 +12,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from twinlens.calibrations import read_rig as read_rig, rig_table
 from twinlens.calibrations.rig_files import (
-    COLMAP_MODELS as COLMAP_MODELS,
     CORNER,
     OPENGL,
     FilePath,
@@ -28,30 +27,27 @@ from twinlens.calibrations.rig_files import (
 )
 from twinlens.camera import Camera, KannalaBrandt, Rig
 from twinlens.dataset.channels import IMAGE
+from twinlens.dataset.codecs.colmap import encode_colmap_text
 from twinlens.dataset.files import write_file
+from twinlens.dataset.tracks import NO_TRACKS, Tracks
 from twinlens.errors import InputError, counted
-from twinlens.geometry import Float, inverse
 
 
 def write_colmap(
-    folder: FilePath, rig: Rig, names: Sequence[str] | None = None
+    folder: FilePath,
+    rig: Rig,
+    names: Sequence[str] | None = None,
+    tracks: Tracks = NO_TRACKS,
 ) -> None:
-    """Write the model of `rig`, without points, into `folder`; image names are im0.png ... by default.
+    """Write the model of `rig` into `folder` as text; image names are im0.png ... by default.
+
+    tracks : its points and where the views see them (`tracks.find_tracks`); none by default.
 
     Raises InputError for invalid names, and OutputError.
     """
-    cameras = [
-        f"{i} {colmap_camera(camera)}" for i, camera in enumerate(rig.cameras, 1)
-    ]
-    named = enumerate(
-        zip(rig.world_from_cams, _image_names(rig, names), strict=True), 1
-    )
-    images = [f"{i} {colmap_pose(pose)} {i} {name}\n" for i, (pose, name) in named]
-    for file, lines in (("cameras", cameras), ("images", images), ("points3D", [])):
-        write_file(
-            Path(folder) / f"{file}.txt",
-            "".join(f"{line}\n" for line in lines).encode(),
-        )
+    files = encode_colmap_text(rig, _image_names(rig, names), tracks)
+    for file, content in files.items():
+        write_file(Path(folder) / file, content)
 
 
 def write_transforms(
@@ -62,6 +58,12 @@ def write_transforms(
     Raises InputError for invalid names and for rational distortion (k4, k5, k6), which the format cannot hold, and
     OutputError.
     """
+    table = transforms_table(rig, names)
+    write_file(path, (json.dumps(table, indent=1) + "\n").encode())
+
+
+def transforms_table(rig: Rig, names: Sequence[str] | None = None) -> dict[str, Any]:
+    """The content of transforms.json, in which each frame has its intrinsics. Raises InputError."""
     frames = []
     for name, camera, pose in zip(
         _image_names(rig, names), rig.cameras, rig.world_from_cams, strict=True
@@ -69,8 +71,7 @@ def write_transforms(
         matrix = (pose @ OPENGL).tolist()
         frame = {"file_path": name, **_intrinsics(camera), "transform_matrix": matrix}
         frames.append(frame)
-    table = {"camera_model": frames[0]["camera_model"], "frames": frames}
-    write_file(path, (json.dumps(table, indent=1) + "\n").encode())
+    return {"camera_model": frames[0]["camera_model"], "frames": frames}
 
 
 def _intrinsics(camera: Camera) -> dict[str, Any]:
@@ -88,6 +89,8 @@ def _intrinsics(camera: Camera) -> dict[str, Any]:
         "h": camera.height,
         "fl_x": camera.fx,
         "fl_y": camera.fy,
+        "camera_angle_x": 2 * math.atan(0.5 * camera.width / camera.fx),
+        "camera_angle_y": 2 * math.atan(0.5 * camera.height / camera.fy),
         "cx": camera.cx + CORNER,
         "cy": camera.cy + CORNER,
         "camera_model": "OPENCV_FISHEYE" if is_fisheye else "OPENCV",
@@ -119,37 +122,6 @@ def write_opencv(path: FilePath, rig: Rig) -> None:
     ]
     text += [_yaml_matrix("world_from_1", rig.world_from_cams[0])]
     write_file(path, ("\n".join(text) + "\n").encode())
-
-
-def colmap_camera(camera: Camera) -> str:
-    """``MODEL WIDTH HEIGHT PARAMS``."""
-    values = {
-        "fx": camera.fx,
-        "fy": camera.fy,
-        "cx": camera.cx + CORNER,
-        "cy": camera.cy + CORNER,
-    }
-    model = "PINHOLE"
-    if camera.distortion is not None:
-        values |= asdict(camera.distortion)
-        model = (
-            "OPENCV_FISHEYE"
-            if isinstance(camera.distortion, KannalaBrandt)
-            else "FULL_OPENCV"
-        )
-    numbers = " ".join(
-        repr(float(values[name])) for name in COLMAP_MODELS[model].split()
-    )
-    return f"{model} {camera.width} {camera.height} {numbers}"
-
-
-def colmap_pose(world_from_cam: Float) -> str:
-    """``QW QX QY QZ TX TY TZ`` of cam_from_world."""
-    cam_from_world = inverse(world_from_cam)
-    x, y, z, w = Rotation.from_matrix(cam_from_world[:3, :3]).as_quat()
-    return " ".join(
-        repr(float(number)) for number in (w, x, y, z, *cam_from_world[:3, 3])
-    )
 
 
 def _image_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:

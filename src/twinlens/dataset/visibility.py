@@ -108,18 +108,35 @@ def _visible_in(
     inside = here.hit & rig.cameras[target].contains(
         np.where(np.isfinite(pixels), pixels, np.nan)
     )
-    points, ids = here.position[inside], here.object_id[inside]
     centre = rig.world_from_cams[target][:3, 3]
-    tolerance = _PLANE_TOLERANCE * np.linalg.norm(points - centre, axis=1)
     u, v = np.floor(pixels[inside] + 0.5).astype(int).T
-    same = there.object_id[v, u] == ids
-    # Distance of the point from the tangent plane of what the target sees there.
-    step = points - np.where(same[:, None], there.position[v, u], points)
-    normal = there.normal[v, u].astype(np.float64)
-    distance = np.abs(np.einsum("nc,nc->n", step, normal))
     visible = np.zeros(here.hit.shape, dtype=bool)
-    visible[inside] = same & (distance <= tolerance)
+    visible[inside] = on_surface(
+        there, (u, v), here.position[inside], here.object_id[inside], centre
+    )
     return visible
+
+
+def on_surface(
+    truth: Truth,
+    at: tuple[NDArray[np.int64], NDArray[np.int64]],
+    points: NDArray[np.float64],
+    object_ids: NDArray[np.int32],
+    centre: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Whether the pixels `at`, (u, v) of (N,) each, of a view show the objects (N,) at the points (N, 3), world.
+
+    They do if the point is within a thousandth of its distance from the view's `centre` (3,) of the tangent plane of
+    what the pixel sees.
+    """
+    u, v = at
+    tolerance = _PLANE_TOLERANCE * np.linalg.norm(points - centre, axis=1)
+    same = truth.object_id[v, u] == object_ids
+    # Distance of the point from the tangent plane of what the view sees there.
+    step = points - np.where(same[:, None], truth.position[v, u], points)
+    normal = truth.normal[v, u].astype(np.float64)
+    distance = np.abs(np.einsum("nc,nc->n", step, normal))
+    return np.asarray(same & (distance <= tolerance))
 
 
 def _matches(

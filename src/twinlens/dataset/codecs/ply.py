@@ -1,4 +1,4 @@
-"""Triangle meshes as binary PLY files, by trimesh."""
+"""Triangle meshes as binary PLY files, by trimesh; coloured points as binary PLY files."""
 
 import io
 from typing import Any
@@ -22,6 +22,26 @@ def encode_ply(
     )
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     return mesh.export(file_type="ply", **encoding)  # type: ignore[no-any-return]
+
+
+_POINT = np.dtype([("position", "<f4", 3), ("color", "u1", 3)])
+
+
+def encode_points(points: NDArray[Any], colors: NDArray[np.uint8]) -> bytes:
+    """A binary PLY file of points (N, 3), float32, with colours (N, 3), red, green, blue."""
+    coordinates = [f"property float {axis}" for axis in "xyz"]
+    channels = [f"property uchar {color}" for color in ("red", "green", "blue")]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(points)}",
+        *coordinates,
+        *channels,
+        "end_header\n",
+    ]
+    rows = np.zeros(len(points), _POINT)
+    rows["position"], rows["color"] = points, colors
+    return "\n".join(header).encode() + rows.tobytes()
 
 
 def read_ply(path: Where) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
