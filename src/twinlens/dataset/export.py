@@ -14,6 +14,7 @@ from twinlens.dataset import (
     layouts,
     multiview_layouts,
     object_layouts,
+    ros_layout,
 )
 from twinlens.dataset.dataset import MANIFEST, Dataset
 from twinlens.dataset.files import (
@@ -63,6 +64,7 @@ LAYOUTS: dict[str, Layout] = {
     "fod500": Layout(aperture_layouts.fod500, needs_pair=False),
     "hci4d": Layout(_each(aperture_layouts.hci4d), needs_pair=False),
     "kitti2015": Layout(_each(layouts.kitti2015), has_objects=True),
+    "mcap": Layout(ros_layout.mcap, needs_pair=False),
     "middlebury": Layout(_each(layouts.middlebury)),
     "nerfstudio": Layout(_each(multiview_layouts.nerfstudio), needs_pair=False),
     "parquet": Layout(layouts.parquet),

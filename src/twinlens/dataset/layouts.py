@@ -68,7 +68,8 @@ _COLMAP_HEADERS = {
     "images": "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n",
     "points3D": "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n",
 }
-_FILE_BYTES = 256 * 1024 * 1024
+FILE_BYTES = 256 * 1024 * 1024
+"""The size at which a file of many samples ends."""
 _COPY = re.compile(r"(\[\d+\])+$")
 _NUMBER = re.compile(r"-\d+$")
 _END = bytes(2 * tarfile.BLOCKSIZE)
@@ -340,7 +341,7 @@ def _check_truth_is_whole(sample: StoredSample) -> None:
 
 
 def webdataset(
-    sources: Iterable[Source], shard_bytes: int = _FILE_BYTES
+    sources: Iterable[Source], shard_bytes: int = FILE_BYTES
 ) -> Iterator[tuple[str, bytes]]:
     """shard-000000.tar and so on; a shard ends with the sample that reaches `shard_bytes`.
 
@@ -369,7 +370,7 @@ def _tar_entry(name: str, data: bytes) -> bytes:
 
 
 def parquet(
-    sources: Iterable[Source], file_bytes: int = _FILE_BYTES
+    sources: Iterable[Source], file_bytes: int = FILE_BYTES
 ) -> Iterator[tuple[str, bytes]]:
     """train-00000.parquet and so on; a file ends with the sample that reaches `file_bytes`.
 
