@@ -1,4 +1,4 @@
-"""Exports opened by torchvision, webdataset and datasets, if they are installed."""
+"""Exports opened by torchvision and webdataset, if they are installed."""
 
 import io
 
@@ -85,23 +85,3 @@ def test_webdataset(data, tmp_path):
         disparity = np.asarray(Image.open(io.BytesIO(item["disp1.pfm"])))
         assert_array_equal(disparity, stored.disp1)
         assert item["json"]["shots"][1]["folder"] == "lens-1/"
-
-
-def test_hugging_face(data, tmp_path):
-    datasets = pytest.importorskip("datasets")
-    folder, cache = str(tmp_path / "out"), str(tmp_path / "cache")
-    export(data, folder, "parquet")
-    for source in ({"path": folder}, {"path": "parquet", "data_dir": folder}):
-        rows = datasets.load_dataset(**source, split="train", cache_dir=cache)
-        for stored, row in zip(data, rows, strict=True):
-            assert row["name"] == stored.name
-            assert row["baseline"] == stored.calibration.baseline
-            for name in (
-                "im0",
-                "im1",
-                "disp0",
-                "disp1",
-                "mask0_nonocc",
-                "mask1_nonocc",
-            ):
-                assert_array_equal(np.asarray(row[name]), stored[name])

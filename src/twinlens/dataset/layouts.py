@@ -70,6 +70,8 @@ _COLMAP_HEADERS = {
 }
 FILE_BYTES = 256 * 1024 * 1024
 """The size at which a file of many samples ends."""
+_DEFAULT_SPLIT = "train"
+"""The split of Hugging Face's datasets for samples without one."""
 _COPY = re.compile(r"(\[\d+\])+$")
 _NUMBER = re.compile(r"-\d+$")
 _END = bytes(2 * tarfile.BLOCKSIZE)
@@ -369,34 +371,69 @@ def _tar_entry(name: str, data: bytes) -> bytes:
     return header.tobuf(tarfile.PAX_FORMAT) + data + padding
 
 
-def parquet(
-    sources: Iterable[Source], file_bytes: int = FILE_BYTES
-) -> Iterator[tuple[str, bytes]]:
+def parquet(sources: Iterable[Source], file_bytes: int = FILE_BYTES) -> Files:
     """train-00000.parquet and so on; a file ends with the sample that reaches `file_bytes`.
 
     One row and row group per sample: images and maps as encoded files (PNG, and PFM, which Pillow opens as mode F),
-    calibration as columns. Raises MissingExtraError without pyarrow.
+    calibration as columns. A dataset with splits has files of each, and a README.md that names them. Raises
+    MissingExtraError without pyarrow.
     """
-    try:
-        import pyarrow as pa
-        from pyarrow.parquet import ParquetWriter
-    except ImportError:
-        raise MissingExtraError(
-            "exporting to parquet needs pyarrow: pip install 'twinlens[parquet]'"
-        ) from None
-    schema = _schema(pa)
-    number, stream, writer = 0, io.BytesIO(), None
+    files: dict[str, _ParquetFiles] = {}
+    has_splits = False
     for source in sources:
+        has_splits |= bool(source.split)
+        split = re.sub(r"\W", "_", source.split) or _DEFAULT_SPLIT
+        files_of_split = files.setdefault(split, _ParquetFiles(split))
+        yield from files_of_split.add(_row(source), file_bytes)
+    for files_of_split in files.values():
+        yield from files_of_split.end()
+    if has_splits:
+        yield "README.md", _hugging_face_card(files)
+
+
+class _ParquetFiles:
+    """The Parquet files of a split. `add` and `end` yield those that are full."""
+
+    def __init__(self, split: str) -> None:
+        message = "exporting to parquet needs pyarrow: pip install 'twinlens[parquet]'"
+        try:
+            import pyarrow as pa
+            from pyarrow.parquet import ParquetWriter
+        except ImportError:
+            raise MissingExtraError(message) from None
+        self._pyarrow, self._open = pa, ParquetWriter
+        self._schema = _schema(pa)
+        self._split, self._count = split, 0
+        self._stream = io.BytesIO()
+        self._writer: Any = None
+
+    def add(self, row: Mapping[str, Any], file_bytes: int) -> Files:
         # The encoded files are compressed already.
-        writer = writer or ParquetWriter(stream, schema, compression="NONE")
-        writer.write_table(pa.Table.from_pylist([_row(source)], schema=schema))
-        if stream.tell() >= file_bytes:
-            writer.close()
-            yield f"train-{number:05d}.parquet", stream.getvalue()
-            number, stream, writer = number + 1, io.BytesIO(), None
-    if writer:
-        writer.close()
-        yield f"train-{number:05d}.parquet", stream.getvalue()
+        self._writer = self._writer or self._open(
+            self._stream, self._schema, compression="NONE"
+        )
+        table = self._pyarrow.Table.from_pylist([row], schema=self._schema)
+        self._writer.write_table(table)
+        if self._stream.tell() >= file_bytes:
+            yield from self.end()
+
+    def end(self) -> Files:
+        if self._writer is None:
+            return
+        self._writer.close()
+        name = f"{self._split}-{self._count:05d}.parquet"
+        yield name, self._stream.getvalue()
+        self._count += 1
+        self._stream = io.BytesIO()
+        self._writer = None
+
+
+def _hugging_face_card(splits: Iterable[str]) -> bytes:
+    """A dataset card that names the files of each split."""
+    lines = ["---", "configs:", "- config_name: default", "  data_files:"]
+    for split in splits:
+        lines += [f"  - split: {split}", f"    path: {split}-*.parquet"]
+    return "\n".join([*lines, "---", ""]).encode()
 
 
 def _fixed_point(disparity: Disparity, scale: float) -> NDArray[np.uint32]:
