@@ -40,6 +40,8 @@ COMMANDS = {
     "verify": "Check a dataset: checksums, and consistency of its ground truth.",
     "statistics": "Compare the images of a dataset with real pairs.",
     "describe": "Write a dataset's card and its Croissant metadata.",
+    "subset": "Merge datasets, or take a part of one; new splits, fewer channels.",
+    "browse": "Write an offline page to browse a dataset.",
     "export": "Write a dataset in the layout of KITTI, ETH3D, Middlebury, ...",
     "methods": "List the matching methods and their options.",
     "match": "Match two images; write a disparity map.",

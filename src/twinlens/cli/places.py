@@ -114,10 +114,12 @@ def check_samples(output: Place, names: Sequence[str], overwrite: bool) -> None:
 
     Raises InputError for a repeated name, FileError for a damaged dataset.json, OutputError.
     """
-    if (output / "dataset.json").exists() and "made_with" in read_manifest(output).info:
-        raise OutputError(
-            f"{output}: is a dataset of `twinlens generate`; choose another folder"
-        )
+    info = read_manifest(output).info if (output / "dataset.json").exists() else {}
+    for key, command in (("made_with", "generate"), ("subset", "subset")):
+        if key in info:
+            raise OutputError(
+                f"{output}: is a dataset of `twinlens {command}`; choose another folder"
+            )
     for name in names:
         if names.count(name) > 1:
             raise InputError(

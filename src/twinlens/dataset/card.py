@@ -37,6 +37,7 @@ from twinlens.dataset.statistics import (
     stored_statistics,
 )
 from twinlens.dataset.storage import Place, Where
+from twinlens.dataset.stored import ReadOnce
 from twinlens.errors import FileError
 
 SHEET, FIGURE, ASSETS = "samples.jpg", "statistics.png", "ASSETS.md"
@@ -168,7 +169,8 @@ def _write_card(dataset: Dataset, texts: About, manifest: Manifest) -> list[str]
 
 def _contents(dataset: Dataset) -> Contents:
     contents = Contents()
-    for sample in dataset:
+    for stored in dataset:
+        sample = ReadOnce.of(stored)
         with contextlib.suppress(FileError):
             contents.statistics[sample.name] = stored_statistics(sample)
             for number in range(sample.num_lenses):
@@ -325,7 +327,10 @@ def _range(distributions: Iterable[Sequence[float]], unit: str) -> str:
 
 
 def _made(manifest: Manifest) -> str:
-    """Seed, versions, rejections and recipe."""
+    """Seed, versions, rejections and recipe; of a subset, what it is of and those of its sources."""
+    subset = manifest.info.get("subset")
+    if isinstance(subset, Mapping):
+        return _made_from(subset)
     parts = [f"Seed: {manifest.seed}."] if manifest.seed is not None else []
     versions = manifest.info.get("versions")
     if isinstance(versions, Mapping):
@@ -343,4 +348,24 @@ def _made(manifest: Manifest) -> str:
         parts.append("The recipe:\n\n" + textwrap.indent(recipe, "    "))
     elif manifest.recipe:
         parts.append("The recipe is in dataset.json.")
+    return "\n\n".join(parts)
+
+
+def _made_from(subset: Mapping[str, Any]) -> str:
+    """The sources of a subset, and how its samples were chosen."""
+    parts = ["Made by `twinlens subset` of samples of other datasets."]
+    if conditions := subset.get("where"):
+        parts.append(f"Conditions: {'; '.join(f'`{text}`' for text in conditions)}.")
+    if dropped := subset.get("dropped"):
+        parts.append(f"Channels left out: {', '.join(dropped)}.")
+    if splits := subset.get("splits"):
+        parts.append(f"Splits: no two of them share a value of `{splits['by']}`.")
+    for source in subset.get("sources", ()):
+        head = f"### {source['name']}\n\n{source['samples']} of {source['of']} samples."
+        info = source["info"]
+        licence = info.get(KEY, {}) or source["recipe"].get(KEY, {})
+        if licence.get("license"):
+            head += f" Licence: {licence['license']}."
+        made = _made(Manifest((), source["recipe"], source["seed"], info))
+        parts += [head, made]
     return "\n\n".join(parts)

@@ -110,6 +110,11 @@ class ViewFile:
         """The rows of the table that are in this file."""
         return [channel for channel in CHANNELS.values() if channel.file is self]
 
+    @property
+    def array_names(self) -> list[str]:
+        """The names of the arrays in this file: of its channels, but for texts."""
+        return [row.name for row in self.channels if row.dtype != TEXTS]
+
     def description(self, view: int, channels: Sequence["Channel"]) -> str:
         """`meaning` for one view, and a line for each of the channels that the file holds if there are several."""
         lines = [self.meaning.format(view)]

@@ -398,6 +398,8 @@ def _why_empty(path: Place, info: Mapping[str, Any]) -> str:
     failed = info.get("failed")
     if isinstance(failed, list) and failed:
         return f'; {counted(len(failed), "sample")} failed ("failed" in it says why)'
+    if info.get("complete") is False and "subset" in info:
+        return "; rerun the same `twinlens subset` to finish it"
     if info.get("complete") is False:
         action = (
             "list the finished samples and make the others"

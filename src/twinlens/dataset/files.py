@@ -42,6 +42,7 @@ _REMEDIES = {
     errno.EROFS: "the file system is read-only: write elsewhere",
     errno.ENOTEMPTY: "another process has written there: choose another name",
     errno.ENAMETOOLONG: "the name is too long: choose a shorter one",
+    errno.EXDEV: "hard links cannot lead to another file system: copy the files instead",
 }
 
 
@@ -67,25 +68,34 @@ def read_text(path: Where) -> str:
         raise FileError(f"{path}: not a text file") from None
 
 
-def write_file(path: Where, data: bytes) -> None:
-    """Write `data` as the file `path`, atomically; an existing file is replaced. Raises OutputError."""
+def write_file(path: Where, data: bytes, flush: bool = True) -> None:
+    """Write `data` as the file `path`, atomically; an existing file is replaced. Raises OutputError.
+
+    flush : whether it is flushed to the disk, without which it may be empty after a power failure.
+    """
     path = place(path)
     if isinstance(path, RemotePath):
         path.write_bytes(data)
         return
     with _temporary(path) as temporary:
         path.parent.mkdir(parents=True, exist_ok=True)
-        _write_and_flush(temporary, data)
+        _write(temporary, data, flush)
         temporary.replace(path)
-        _flush_folder(path.parent)
+        if flush:
+            _flush_folder(path.parent)
 
 
 def write_folder(
     folder: Where,
     files: Mapping[str, bytes] | Iterable[tuple[str, bytes]],
     overwrite: bool = False,
+    links: Mapping[str, Path] | None = None,
+    flush: bool = True,
 ) -> None:
     """Write a folder of `files` (relative name with / and content), atomically. Raises OutputError.
+
+    links : relative name -> local file, of which the new folder gets a hard link.
+    flush : whether every file is flushed to the disk, without which a power failure may leave some of them empty.
 
     One file of an iterable is in memory at a time. An existing folder is rejected unless `overwrite` is set. A remote
     folder is atomic only if it is a sample: otherwise an error removes what was written, a killed process leaves it.
@@ -106,9 +116,14 @@ def write_folder(
             for name, data in checked:
                 path = temporary / name
                 path.parent.mkdir(parents=True, exist_ok=True)
-                _write_and_flush(path, data)
+                _write(path, data, flush)
                 folders.add(path.parent)
-            for path in folders:
+            for name, source in (links or {}).items():
+                path = temporary / check_relative(name)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.hardlink_to(source)
+                folders.add(path.parent)
+            for path in folders if flush else ():
                 _flush_folder(path)
             _put_in_place(temporary, folder)
 
@@ -371,6 +386,13 @@ def _checked(files: Iterable[tuple[str, bytes]]) -> Iterator[tuple[str, bytes]]:
             )
         names.add(name)
         yield name, data
+
+
+def _write(path: Path, data: bytes, flush: bool) -> None:
+    if flush:
+        _write_and_flush(path, data)
+    else:
+        path.write_bytes(data)
 
 
 def _write_and_flush(path: Path, data: bytes) -> None:

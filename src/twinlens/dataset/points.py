@@ -1,4 +1,4 @@
-"""The world points of a stored view: from its depth where that is more exact than float32 world coordinates."""
+"""The world points of a stored view: from its depth where that is more exact than float32 coordinates, or alone."""
 
 from typing import Any
 
@@ -35,6 +35,22 @@ def world_points(
     ahead = rotate(world_from_cam, rays[has_depth])
     from_depth = centre + distance[:, None] * ahead
     points[has_depth] = np.where(is_far[:, None], from_depth, points[has_depth])
+    return points
+
+
+def points_from_depth(
+    camera: Camera, world_from_cam: Float, depth: NDArray[Any]
+) -> Float:
+    """The points (H, W, 3), float64, of a view by its depth (H, W) alone; +inf where that is unknown.
+
+    centre + depth / cosine * ray, so for rays of nearly 90 degrees from the axis less exact than a stored position.
+    """
+    points = np.full((*depth.shape, 3), np.inf)
+    has_depth = np.isfinite(depth)
+    rays = camera.rays(camera.pixel_grid())[has_depth]
+    distance = depth[has_depth].astype(np.float64) / rays[:, 2]
+    ahead = rotate(world_from_cam, rays)
+    points[has_depth] = world_from_cam[:3, 3] + distance[:, None] * ahead
     return points
 
 

@@ -38,7 +38,7 @@ from twinlens.dataset.channels import (
 from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.files import check_relative
 from twinlens.dataset.lens_labels import label_of_lens, written_label
-from twinlens.dataset.points import world_points
+from twinlens.dataset.points import points_from_depth, world_points
 from twinlens.dataset.record import (
     LENS,
     RIG,
@@ -49,7 +49,7 @@ from twinlens.dataset.record import (
     read_part,
 )
 from twinlens.dataset.sample import KIND, VERSION, blur_circle_px, shot_folder
-from twinlens.dataset.storage import Place, RemotePath, is_whole
+from twinlens.dataset.storage import MARK, Place, RemotePath, is_whole
 from twinlens.dataset.visibility import (
     Disparity,
     Mask,
@@ -123,6 +123,9 @@ class SampleFile(FileModel):
         default=[], description="the objects in the image of each view"
     )
     statistics: Any = None
+    dropped: list[str] = pydantic.Field(
+        default=[], description="channels that `twinlens subset` left out"
+    )
     record: dict[str, Any] = pydantic.Field(
         default={}, description="seed, scene, backend, versions and everything else"
     )
@@ -212,7 +215,7 @@ class StoredSample(Mapping[str, Any]):
         """
         if self.has_disparity(i) or self._is_not_rectified:
             return True
-        if not self.has("sample.json"):
+        if not self.has("sample.json") or "disp" in self.dropped:
             return False
         files = itertools.product((DISPARITY, MASK, TRUTH), (0, 1))
         return any(self._view_path(file, view).is_file() for file, view in files)
@@ -245,13 +248,13 @@ class StoredSample(Mapping[str, Any]):
         """
         channels = self._read(TRUTH, i)
         # The blur circle is that of a lens, and a Truth is of no lens.
-        del channels["blur_circle_px"]
-        channels["position"] = world_points(
-            self.rig.cameras[i],
-            self.rig.world_from_cams[i],
-            channels["depth"],
-            channels["position"],
-        )
+        channels.pop("blur_circle_px", None)
+        self._check_complete(channels, i)
+        view = self.rig.cameras[i], self.rig.world_from_cams[i], channels["depth"]
+        if "position" in channels:
+            channels["position"] = world_points(*view, channels["position"])
+        else:
+            channels["position"] = points_from_depth(*view)
         channels["depth"] = channels["depth"].astype(np.float64)
         pixels, lit = channels.pop("projector_pixels"), channels.pop("lit")
         projections = map(Projection, pixels.astype(np.float64), lit)
@@ -266,6 +269,26 @@ class StoredSample(Mapping[str, Any]):
             projections=tuple(projections),
             extra=channels,
         )
+
+    def _check_complete(self, channels: Mapping[str, Any], i: int) -> None:
+        """Raise FileError unless a view's channels of truth make a Truth; the position follows from the depth."""
+        missing = [
+            channel.name
+            for channel in TRUTH.channels
+            if channel.name not in {*channels, "position", "blur_circle_px"}
+        ]
+        dropped = [name for name in missing if name in self.dropped]
+        if dropped:
+            raise FileError(
+                f"{self.path(TRUTH.name(i))}: has no {', '.join(dropped)}, which `twinlens subset` dropped; "
+                "read single channels, such as sample.depth0"
+            )
+
+    @property
+    def dropped(self) -> tuple[str, ...]:
+        """Names of the channels that `twinlens subset` left out, by sample.json."""
+        names = self.record.get("dropped", []) if self.has("sample.json") else []
+        return tuple(map(str, names)) if isinstance(names, list) else ()
 
     def objects(self, i: int) -> tuple[ObjectTruth, ...]:
         """The objects in the image of view i; empty in samples of versions before 0.2. Raises FileError."""
@@ -380,13 +403,17 @@ class StoredSample(Mapping[str, Any]):
     def read_file(self, file: ViewFile, path: Place) -> dict[str, Any]:
         """The arrays in a file of the sample by channel.
 
-        Raises FileError, also for a channel that the file lacks, unless the sample is older than the channel.
+        Raises FileError, also for a channel that the file lacks, unless the sample is older than the channel, or says
+        that it was dropped.
         """
         arrays = file.read(path)
         missing = [channel for channel in file.channels if channel.name not in arrays]
+        dropped = self.dropped if missing else ()
         for channel in missing:
+            if channel.name in dropped:
+                continue
             problem = f"{path}: has no channel {channel.name!r}"
-            if channel.since == FIRST_VERSION:  # so sample.json need not be read
+            if channel.since == FIRST_VERSION:
                 raise FileError(problem)
             version = self.written_by
             if channel.is_written_by(version):
@@ -397,7 +424,42 @@ class StoredSample(Mapping[str, Any]):
         return arrays
 
     def _read(self, file: ViewFile, view: int) -> dict[str, Any]:
-        return self.read_file(file, self._view_path(file, view))
+        return self._read_kept(file, self._view_path(file, view))
+
+    def _read_kept(self, file: ViewFile, path: Place) -> dict[str, Any]:
+        """`read_file`; the FileError of a file that was dropped says so."""
+        try:
+            return self.read_file(file, path)
+        except FileError:
+            names = file.array_names
+            if path.exists() or not set(names) <= set(self.dropped):
+                raise
+            raise FileError(
+                f"{path}: is not in this dataset; `twinlens subset` dropped {', '.join(names)}"
+            ) from None
+
+
+@dataclass(frozen=True)
+class ReadOnce(StoredSample):
+    """A sample whose sample.json is read once, for passes over many samples that use several of its values."""
+
+    @functools.cached_property
+    def record(self) -> dict[str, Any]:
+        """sample.json, how the sample was made, as plain data."""
+        return StoredSample(self.folder, self.name).record
+
+    @functools.cached_property
+    def _is_recorded(self) -> bool:
+        return StoredSample(self.folder, self.name).has(MARK)
+
+    def has(self, name: str) -> bool:
+        """Whether the sample has a file of that name."""
+        return self._is_recorded if name == MARK else super().has(name)
+
+    @classmethod
+    def of(cls, sample: StoredSample) -> "ReadOnce":
+        """The sample, of which nothing has been read yet."""
+        return cls(sample.folder, sample.name, sample.row)
 
 
 @dataclass(frozen=True)
@@ -497,7 +559,7 @@ class StoredShot:
         return blur_circle_px(depth, self.sample.rig.cameras[i], self.lens)
 
     def _read(self, file: ViewFile, view: int) -> dict[str, Any]:
-        return self.sample.read_file(file, self.path(file.name(view)))
+        return self.sample._read_kept(file, self.path(file.name(view)))
 
 
 def samples_in(path: Place) -> tuple[StoredSample, ...]:
@@ -656,6 +718,23 @@ def _read_quantity(
         arrays = sample._read(file, view)
     else:
         arrays = sample.lens(lens or 0).frame(frame or 0)._read(file, view)
+    if kind not in arrays and kind in sample.dropped:
+        return _recomputed(kind, sample, view, arrays)
     if kind not in arrays:
         raise FileError(f"{sample.path(file.name(view))}: has no channel {kind!r}")
     return arrays[kind]
+
+
+def _recomputed(
+    kind: str, sample: StoredSample, view: int, arrays: Mapping[str, Any]
+) -> Any:
+    """A channel of truth that was dropped, if it follows from the depth. Raises FileError."""
+    if "depth" in arrays and kind == "position":
+        camera, pose = sample.rig.cameras[view], sample.rig.world_from_cams[view]
+        points = points_from_depth(camera, pose, arrays["depth"])
+        return points.astype(CHANNELS[kind].dtype)
+    if "depth" in arrays and kind == "blur_circle_px":
+        return sample.lens(0).blur_circle_px(view)
+    raise FileError(
+        f"{sample.path(TRUTH.name(view))}: has no {kind}, which `twinlens subset` dropped"
+    )

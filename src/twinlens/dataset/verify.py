@@ -8,7 +8,7 @@ import contextlib
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -19,6 +19,7 @@ from twinlens.dataset import consistency
 from twinlens.dataset.channels import (
     CHANNELS,
     IMAGE,
+    TEXTS,
     TRUTH,
     FileOf,
     ViewFile,
@@ -43,6 +44,8 @@ from twinlens.dataset.stored import SampleFile, StoredSample, samples_in
 from twinlens.errors import FileError, InputError, counted
 
 _SAMPLE_FILES = (MARK, IMAGE.name(0))
+_OF_SHARED_POINTS = {"visible", "object_id", "depth", "position"}
+"""The channels that `check_shared_points` reads."""
 _MISSING, _CHANGED = "is missing", "differs from its SHA-256 in"
 
 
@@ -59,6 +62,11 @@ class _Content:
     names: dict[FileOf, str] = field(default_factory=dict)
     record: SampleFile | None = None
     calibration: Calibration | None = None
+
+    @property
+    def dropped(self) -> set[str]:
+        """Names of the channels that the sample says were left out."""
+        return set() if self.record is None else set(self.record.dropped)
 
     @property
     def num_views(self) -> int:
@@ -100,6 +108,8 @@ class _Content:
         """Whether the sample must have a file; a plain folder needs its two images only."""
         if self.record is None:
             return file is IMAGE
+        if self.dropped.issuperset(file.array_names):
+            return False
         return file.required(self.record.rig.nominal, view, self.is_dual(lens))
 
     def of_view(self, view: int, lens: int) -> dict[str, Any]:
@@ -381,6 +391,15 @@ def _read_files(sample: StoredSample, present: list[str]) -> tuple[_Content, lis
     return content, findings
 
 
+def _size_of(file: ViewFile, arrays: Mapping[str, Any]) -> Any:
+    """(height, width) of the arrays of a file, by the first that has no other axis before; None if all have."""
+    for channel in file.channels:
+        is_map = channel.dtype != TEXTS and not channel.per_projector
+        if is_map and channel.name in arrays:
+            return arrays[channel.name].shape[:2]
+    return None
+
+
 def _check_sizes(content: _Content) -> list[str]:
     """Every array has the size of its camera; without a rig, that of calib.txt or of the first image."""
     if content.record is not None:
@@ -395,9 +414,9 @@ def _check_sizes(content: _Content) -> list[str]:
         sizes = {0: size, 1: size}
     findings = []
     for kind, arrays in content.views.items():
-        size = arrays[kind.file.channels[0].name].shape[:2]
+        size = _size_of(kind.file, arrays)
         height, width = sizes.get(kind.view, size)
-        if size != (height, width):
+        if size not in (None, (height, width)):
             problem = f"is {size[1]} x {size[0]}, must be {width} x {height}"
             findings.append(f"{content.names[kind]}: {problem}")
     return findings
@@ -444,20 +463,35 @@ def _check_view(
             is_new = lens == 0 or channel.file.per_lens
             if channel.check is None or channel.name not in channels or not is_new:
                 continue
-            wrong = channel.check(content_of_view)
+            wrong = _findings_of(channel.check, content_of_view, content.dropped)
             findings += _named(channel.file.name(view, lens), wrong)
             if wrong and channel.is_basis:
                 return findings
     truth = content.views[FileOf(TRUTH, view)]
-    objects = record.objects[view] if view < len(record.objects) else []
-    wrong = consistency.check_objects(objects, truth, f"objects[{view}]")
-    findings += _named(MARK, wrong)
+    if not content.dropped & {"object_id", "object_names"}:
+        objects = record.objects[view] if view < len(record.objects) else []
+        wrong = consistency.check_objects(objects, truth, f"objects[{view}]")
+        findings += _named(MARK, wrong)
     partner = rig.partner(view)
     if findings or partner is None or FileOf(TRUTH, partner) not in content.views:
         return findings
+    if content.dropped & _OF_SHARED_POINTS:
+        return []
     truths = truth, content.views[FileOf(TRUTH, partner)]
     wrong = consistency.check_shared_points(truths, rig, (view, partner))
     return _named(TRUTH.name(view), wrong)
+
+
+def _findings_of(
+    check: consistency.Check, content: consistency.ViewContent, dropped: Set[str]
+) -> list[str]:
+    """The findings of a check; none if it needs a channel that was dropped."""
+    try:
+        return check(content)
+    except KeyError as error:
+        if error.args[0] not in dropped:
+            raise
+        return []
 
 
 def _check_exchange(content: _Content, rig: Rig) -> list[str]:

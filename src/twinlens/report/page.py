@@ -118,17 +118,35 @@ def page_html(
     document["groupings"] = [*_groupings(board, groups, by)]
     document["by"] = _first_grouping(document["groupings"], by)
     document["notes"] = list(notes)
-    script = "\n".join(_file(name) for name in _SCRIPTS)
+    parts = {"title": html.escape(board.title)}
+    return fill_page(
+        "page.html", parts, ["page.css"], _SCRIPTS, document, "data: blob:"
+    )
+
+
+def fill_page(
+    skeleton: str,
+    parts: Mapping[str, str],
+    styles: Sequence[str],
+    scripts: Sequence[str],
+    document: Any,
+    images: str,
+) -> str:
+    """A page of the files in `page/`, with the parts in their places and the document as its JSON block.
+
+    images : where the content security policy allows images from; scripts are allowed by their hash.
+    """
+    script = "\n".join(_file(name) for name in scripts)
     digest = _base64(hashlib.sha256(script.encode()).digest())
-    parts = {
-        "title": html.escape(board.title),
-        "policy": f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src 'sha256-{digest}'",
-        "style": _file("page.css"),
+    filled = {
+        **parts,
+        "policy": f"default-src 'none'; img-src {images}; style-src 'unsafe-inline'; script-src 'sha256-{digest}'",
+        "style": "\n".join(_file(name) for name in styles),
         "script": script,
         "data": _json(document),
     }
     # A single pass, so that inserted text is not searched for placeholders.
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _file("page.html"))
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: filled[match[1]], _file(skeleton))
 
 
 def _json(document: Any) -> str:

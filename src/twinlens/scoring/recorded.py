@@ -34,7 +34,7 @@ def recorded_values(sample: StoredSample, lens: int = 0) -> dict[str, Recorded]:
         values["lens_number"] = lens
     if spec.get("kind") == "family":
         values["family"] = spec.get("scene")
-    values["split"] = spec.get("split")
+    values["split"] = _split_of(sample, spec)
     values["sensor"] = _sensor_name(_table(record.get("sensor")))
     values["mismatch"] = _mismatch_level(_table(record.get("sensor")))
     exposure = _first_exposure(sample.lens(lens).record)
@@ -44,6 +44,12 @@ def recorded_values(sample: StoredSample, lens: int = 0) -> dict[str, Recorded]:
     values |= _drawn_values(_table(spec.get("drawn")), lens)
     listed = [*scalars(values)]
     return dict(listed[:_MOST_VALUES])
+
+
+def _split_of(sample: StoredSample, spec: Mapping[str, Any]) -> Any:
+    """The split of a sample: that of dataset.json, which `twinlens subset` may have changed, or else of sample.json."""
+    info = _table(sample.row.get("info"))
+    return info["split"] if "split" in info else spec.get("split")
 
 
 def _table(value: Any) -> Mapping[str, Any]:
