@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test test-all lint docs bench pictures clean
+.PHONY: demo test test-all lint docs dist installed bench pictures clean
 
 demo: .venv/installed
 	$(BIN)/twinlens demo -o demo
@@ -15,6 +15,7 @@ test: .venv/installed-test
 
 test-all: .venv/installed-test
 	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
+	$(MAKE) installed
 
 lint: .venv/installed-lint
 	$(BIN)/ruff check .
@@ -24,6 +25,19 @@ lint: .venv/installed-lint
 docs: .venv/installed-docs
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --conf-dir docs --doctree-dir .venv/doctrees . docs/site
 	@echo "docs/site/index.html"
+
+# What is uploaded to a package index.
+dist: .venv/installed-dist
+	rm -rf dist
+	$(BIN)/python -m build --installer uv --outdir dist . > dist.log || { cat dist.log; exit 1; }
+	rm dist.log
+	$(BIN)/twine check --strict dist/*
+	du -b dist/*
+
+# The wheel in empty environments, with the newest and with the oldest dependencies.
+installed: dist
+	.ci/installed
+	.ci/installed lowest-direct
 
 bench: .venv/installed-test
 	for script in benchmarks/bench_*.py; do $(BIN)/python $$script || exit 1; done
@@ -46,6 +60,10 @@ clean:
 .venv/installed-lint: pyproject.toml | .venv/bin/python
 	$(BIN)/pip install --quiet --editable ".[lint]"
 	touch $@
+
+.venv/installed-dist: pyproject.toml | .venv/bin/python
+	$(BIN)/pip install --quiet --editable ".[dist]"
+	touch $@ .venv/installed
 
 .venv/installed-docs: pyproject.toml | .venv/bin/python
 	$(BIN)/pip install --quiet --editable ".[docs]"

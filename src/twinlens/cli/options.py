@@ -78,7 +78,7 @@ class Positive(click.FloatRange):
 POSITIVE, SECONDS, DISPARITY = Positive(), Positive(1e6), Whole(-65536, 65536)
 
 
-class SettingType(click.ParamType[Any]):
+class SettingType(click.ParamType):  # type: ignore[type-arg]
     """A value of a declared setting. An InputError names the option."""
 
     def __init__(self, field: Field) -> None:

@@ -146,7 +146,7 @@ def sensor_table(cls: type[Sensor] = Sensor) -> Any:
         "preset": (Literal[tuple(PRESETS)], _PRESET),
         "mismatch": (MismatchTables, DEFAULT_MISMATCH),
     }
-    nir = table_of(cls, **keys, title=f"Nir{cls.__name__}Table", nir=(None, None))
+    nir = table_of(cls, **keys, title=f"Nir{cls.__name__}Table", nir=(type(None), None))
     return table_of(cls, **keys, nir=(nir | None, None))
 
 
