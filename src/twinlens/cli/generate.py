@@ -22,6 +22,7 @@ from twinlens.cli.places import PATH, PLACE
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Dataset, Place
 from twinlens.errors import InputError, counted
+from twinlens.factory.images_text import images_of_recipe
 from twinlens.factory.workers import Engine
 from twinlens.scoring import recipe_toml
 
@@ -86,6 +87,8 @@ def command(
         key: options[key] for key in ("denoise", "noise") if options[key] is not None
     }
     read = factory.read_recipe(recipe, changes)
+    if not as_json:
+        click.echo(images_of_recipe(read.written))
     if dry_run:
         with progress_bar("trying a sample") as report:
             estimate = factory.estimate(read, output, report)

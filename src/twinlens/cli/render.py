@@ -29,6 +29,7 @@ from twinlens.factory import (
     under_sky,
 )
 from twinlens.factory.doubts import warn_of_doubts
+from twinlens.factory.images_text import images_text
 from twinlens.factory.lenses import (
     APERTURE_HELP,
     LENS_HELP,
@@ -178,6 +179,11 @@ def command(
     shoot = Shoot(**{**plain, "sensor": sensor, "exposure": exposure})
     jobs = [_job(load_scene(name), sensor, options) for name in scenes]
     check_samples(output, [job.scene.name for job in jobs], overwrite)
+    if not as_json:
+        denoise = str(options["denoise"]).lower()
+        mismatch = options["mismatch"] or "none"
+        spp = str(options["spp"])
+        click.echo(images_text(options["sensor"], mismatch, spp, denoise))
     made: list[_Made] = []
     with interrupt_note(lambda: "finished samples are kept" if made else ""):
         for job in jobs:
