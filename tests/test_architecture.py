@@ -3,6 +3,7 @@
 import ast
 import functools
 import graphlib
+import importlib
 import re
 import subprocess
 import sys
@@ -166,3 +167,28 @@ def test_matching_dataset_and_scoring_live_without_mitsuba():
         )
         == "alive"
     )
+
+
+SCRIPTS = sorted(
+    script
+    for folder in ("benchmarks", "docs")
+    for script in (PACKAGE.parents[1] / folder).rglob("*.py")
+)
+
+
+def names_from_twinlens(script):
+    """(module, name) of what a script imports from the package."""
+    for node in ast.walk(ast.parse(script.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            if node.module.split(".")[0] == "twinlens":
+                yield from ((node.module, alias.name) for alias in node.names)
+
+
+def test_scripts_import_names_that_exist():
+    """Benchmarks run for minutes and longer, so that no other test runs all of them."""
+    imported = {pair for script in SCRIPTS for pair in names_from_twinlens(script)}
+    assert len(imported) > 100
+    for module_name, name in sorted(imported):
+        module = importlib.import_module(module_name)
+        if not hasattr(module, name):
+            importlib.import_module(f"{module_name}.{name}")

@@ -5,8 +5,7 @@ import sys
 from collections.abc import Callable
 
 from twinlens.cli import INTERRUPTED
-from twinlens.errors import TwinlensError
-from twinlens.matching.contract import MissingExtraError, import_extra
+from twinlens.errors import MissingExtraError, TwinlensError, import_extra
 
 try:
     for module in ("torch", "onnx", "onnxruntime"):
