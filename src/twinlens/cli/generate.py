@@ -23,6 +23,7 @@ from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Dataset, Place
 from twinlens.errors import InputError, counted
 from twinlens.factory.images_text import images_of_recipe
+from twinlens.factory.recipe import Recipe
 from twinlens.factory.workers import Engine
 from twinlens.scoring import recipe_toml
 
@@ -87,11 +88,10 @@ def command(
         key: options[key] for key in ("denoise", "noise") if options[key] is not None
     }
     read = factory.read_recipe(recipe, changes)
-    if not as_json:
-        click.echo(images_of_recipe(read.written))
     if dry_run:
         with progress_bar("trying a sample") as report:
             estimate = factory.estimate(read, output, report)
+        _print_images(read, as_json)
         _print_estimate(estimate, output, as_json)
         return 0
     engine = _engine(options["workers"], options["scheduler"])
@@ -101,10 +101,17 @@ def command(
         outcome = factory.generate(
             read, output, limit=limit, shard=shard, report=report, engine=engine
         )
+    _print_images(read, as_json)
     _print(outcome, output, as_json)
     if outcome.there:
         _print_rectify_hint(output)
     return 1 if outcome.failures else 0
+
+
+def _print_images(recipe: Recipe, as_json: bool) -> None:
+    """Print what images depend on most; not for programs."""
+    if not as_json:
+        click.echo(images_of_recipe(recipe.written))
 
 
 def _engine(workers: int | None, scheduler: str | None) -> Engine:

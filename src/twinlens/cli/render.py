@@ -179,11 +179,6 @@ def command(
     shoot = Shoot(**{**plain, "sensor": sensor, "exposure": exposure})
     jobs = [_job(load_scene(name), sensor, options) for name in scenes]
     check_samples(output, [job.scene.name for job in jobs], overwrite)
-    if not as_json:
-        denoise = str(options["denoise"]).lower()
-        mismatch = options["mismatch"] or "none"
-        spp = str(options["spp"])
-        click.echo(images_text(options["sensor"], mismatch, spp, denoise))
     made: list[_Made] = []
     with interrupt_note(lambda: "finished samples are kept" if made else ""):
         for job in jobs:
@@ -196,6 +191,11 @@ def command(
             ]
             effects = [shot_text.optics_of(sample, k) for k in range(len(texts))]
             made.append((row, exposures, effects))
+    if not as_json:
+        denoise = str(options["denoise"]).lower()
+        mismatch = options["mismatch"] or "none"
+        spp = str(options["spp"])
+        click.echo(images_text(options["sensor"], mismatch, spp, denoise))
     _print(output, made, as_json)
     if not as_json:
         hints = dict.fromkeys(rectify_hint(job.rig, output) for job in jobs)
