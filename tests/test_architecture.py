@@ -179,9 +179,9 @@ SCRIPTS = sorted(
 def names_from_twinlens(script):
     """(module, name) of what a script imports from the package."""
     for node in ast.walk(ast.parse(script.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            if node.module.split(".")[0] == "twinlens":
-                yield from ((node.module, alias.name) for alias in node.names)
+        module = getattr(node, "module", None) or ""
+        if isinstance(node, ast.ImportFrom) and module.startswith("twinlens"):
+            yield from ((module, alias.name) for alias in node.names)
 
 
 def test_scripts_import_names_that_exist():
