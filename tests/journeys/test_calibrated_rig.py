@@ -123,7 +123,7 @@ def test_fisheyes_become_a_pair(twinlens, tmp_path, monkeypatch):
     """Of 121 degrees along the row and 171 along the diagonal, a crop of wider ones, which are no samples' cameras."""
     monkeypatch.chdir(tmp_path)
     Path("camchain.yaml").write_text(FISHEYE.replace("60.", "47."))
-    write_recipe(tmp_path, ["camchain.yaml"])
+    write_recipe(tmp_path, "camchain.yaml")
     assert "Crop their images" in twinlens("cameras", "--read", "camchain.yaml")[1]
     code, _, err = twinlens("generate", "calibrated.toml", "-o", "made")
     assert code == 2
