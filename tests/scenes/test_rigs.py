@@ -61,6 +61,22 @@ PLACED = {
     'layout = "arc"\ncount = 5\nradius = 2\nangle_deg = 60': layouts.arc(CAMERA, 5, 2.0, 60.0, POSE),
     'layout = "arc"\ncount = 5\nangle_deg = 60': layouts.arc(CAMERA, 5, 1.5, 60.0, POSE),
     'layout = "toed_in"\ndistance = 2\nbaseline = 0.3': layouts.toed_in(CAMERA, 0.3, 2.0, ASIDE),
+    'layout = "orbit"\ncount = 5': layouts.orbit(CAMERA, 5, 1.5, world_from_first=POSE),
+    'layout = "orbit"\ncount = 5\nradius = 2\nangle_deg = 90\nelevation_deg = 30\naxis = [0, 0, 2]': layouts.orbit(
+        CAMERA, 5, 2.0, 90.0, 30.0, POSE
+    ),
+    'layout = "hemisphere"\ncount = 9\nposition = [0, 0, 1]\nlook_at = [1, 1, 1]': layouts.hemisphere(
+        CAMERA, 9, np.sqrt(2), 10.0, ELSEWHERE
+    ),
+    'layout = "hemisphere"\ncount = 9\nradius = 3\nelevation_deg = -20\naxis = [0, 1, 0]': layouts.hemisphere(
+        CAMERA, 9, 3.0, -20.0, POSE, (0.0, 1.0, 0.0)
+    ),
+    'layout = "trajectory"\ncount = 4\nwaypoints = [[0, 0, 0], [1, 0, 0], [1, 0, 1]]': layouts.trajectory(
+        CAMERA, 4, [[0, 0, 0], [1, 0, 0], [1, 0, 1]], None, POSE
+    ),
+    'layout = "trajectory"\ncount = 4\nwaypoints = [[0, 0, 0], [1, 0, 0]]\ndistance = 2': layouts.trajectory(
+        CAMERA, 4, [[0, 0, 0], [1, 0, 0]], 2.0, POSE
+    ),
 }  # fmt: skip
 
 
@@ -151,6 +167,14 @@ MISTAKES = {
     "baseline = nan": "must be a finite number",
     "look_at = [0, 0, 0]": "look_at",
     'layout = "grid"\nrows = 100\ncolumns = 100': "at most 1000",
+    'layout = "orbit"': "missing key 'count'",
+    'layout = "orbit"\ncount = 3\nelevation_deg = 95': "rig.elevation_deg: must be",
+    'layout = "orbit"\ncount = 3\naxis = [0, 0, 0]': "up must be a direction",
+    'layout = "hemisphere"\ncount = 3\nangle_deg = 30': "unknown key 'angle_deg'",
+    'layout = "hemisphere"\ncount = 1001': "rig.count: must be <= 1000",
+    'layout = "trajectory"\ncount = 3\nwaypoints = [[0, 0, 0]]': "waypoints",
+    'layout = "trajectory"\ncount = 3\nwaypoints = [[0, 0, 0], [0, 0]]': "waypoints[1]",
+    'layout = "trajectory"\ncount = 3\nwaypoints = [[0, 0, 0], [0, 0, 0]]': "must differ",
     'layout = "light_field"\nn = 3': "missing key 'aperture_mm'",
     'layout = "light_field"\nn = 40\naperture_mm = 5': "n: must be <= 31",
     'layout = "light_field"\nn = 2\naperture_mm = 5\ndistortion = { k1 = -0.1 }': "without lens distortion",

@@ -35,6 +35,7 @@ from twinlens.scenes import Scene, read_toml, rig_from_table
 from twinlens.scenes.placement import rotation
 from twinlens.scenes.rigs import (
     ALTERNATIVES,
+    OF_ONE_CAMERA,
     CameraTable,
     Intrinsics,
     with_files,
@@ -326,9 +327,10 @@ def sensor_for(
 def only_one_camera(count: int, layout: str | None) -> str:
     """Why a rig of `count` cameras has no mismatch; empty if it may have one."""
     remedy = "leave the mismatch out"
-    if layout == "light_field":
+    if layout in OF_ONE_CAMERA:
         return (
-            f"the views of a light field are of one camera and do not differ; {remedy}"
+            f"the views of {OF_ONE_CAMERA[layout]} are of one camera and do not differ; "
+            f"{remedy}"
         )
     if count == 1:
         return (

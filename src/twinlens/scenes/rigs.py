@@ -74,7 +74,18 @@ SensorWidth = Annotated[
 RigLength: Any = number(0, 1e6, above=True)
 """Metres between cameras: at most as far as a recipe's `scene.jitter` moves them."""
 _Focus = Annotated[float, setting(ThinLens, "focus_distance")]
+_Elevation: Any = number(-89, 89)
+_WAYPOINTS = pydantic.Field(min_length=2, max_length=_MOST_CAMERAS)
+_UP = (0.0, 0.0, 1.0)
 Count = Annotated[int, pydantic.Field(ge=1, le=_MOST_CAMERAS)]
+
+OF_ONE_CAMERA = {
+    "light_field": "a light field",
+    "orbit": "an orbit",
+    "hemisphere": "a hemisphere",
+    "trajectory": "a trajectory",
+}
+"""Layouts whose views one camera takes, in words."""
 
 _DISTORTIONS = (
     table_of(BrownConrady, model=(Literal["brown-conrady"], "brown-conrady")),
@@ -605,7 +616,12 @@ def _placed(table: Any, scene: Scene, pose: Float) -> Rig:
         case "cameras":
             poses = [place.pose(pose) for place in table.cameras]
             return Rig([camera] * len(poses), poses)
+        case "trajectory":
+            path = table.count, table.waypoints, table.distance
+            return layouts.trajectory(camera, *path, pose)
     length = _length_of_layout(table, scene)
+    if table.layout in ("orbit", "hemisphere"):
+        return _around(table, camera, length, pose)
     if table.layout == "light_field":
         lens = ThinLens(1e-3 * table.aperture_mm, length)
         return light_field_rig(camera, lens, table.n, pose)
@@ -615,6 +631,18 @@ def _placed(table: Any, scene: Scene, pose: Float) -> Rig:
     # The scene's pose is that of a left camera; the layout's is half a baseline to its right.
     middle = pose @ rigid(np.eye(3), [0.5 * baseline, 0.0, 0.0])
     return layouts.toed_in(camera, baseline, length, middle)
+
+
+def _around(table: Any, camera: Camera, radius: float, pose: Float) -> Rig:
+    """Cameras around an axis, by default the world's z axis."""
+    axis = table.axis or _UP
+    if table.layout == "orbit":
+        sweep = table.angle_deg or 360.0, table.elevation_deg
+        return layouts.orbit(camera, table.count, radius, *sweep, pose, axis)
+    lowest = {} if table.elevation_deg is None else {"elevation_deg": table.elevation_deg}  # fmt: skip
+    return layouts.hemisphere(
+        camera, table.count, radius, **lowest, world_from_first=pose, up=axis
+    )
 
 
 def _grid(table: Any, camera: Camera, step: float, pose: Float) -> Rig:
@@ -629,11 +657,16 @@ def _grid(table: Any, camera: Camera, step: float, pose: Float) -> Rig:
 
 
 def _length_of_layout(table: Any, scene: Scene) -> float:
-    """The distance on which a layout converges or focuses: that of the table, or the middle of the scene's depths."""
-    key = {"toed_in": "distance", "arc": "radius", "light_field": "focus"}[table.layout]
+    """The distance on which a layout converges or focuses: that of the table, or the middle of the scene's depths.
+
+    Layouts around a point have the distance of `look_at` where the table has one.
+    """
+    key = {"toed_in": "distance", "light_field": "focus"}.get(table.layout, "radius")
     length: float | None = getattr(table, key)
     if length:
         return length
+    if table.layout in ("orbit", "hemisphere") and table.position is not None:
+        return float(np.linalg.norm(np.subtract(table.look_at, table.position)))
     if not scene.depth_range_known:
         raise InputError(
             f"missing key {key!r}; the scene has no depth range to derive it from"
@@ -656,6 +689,24 @@ _KEYS: dict[str, dict[str, Any]] = {
         "count": Count,
         "radius": RigLength | None,
         "angle_deg": number(0, 360, above=True),
+    },
+    "orbit": {
+        "count": Count,
+        "radius": RigLength | None,
+        "angle_deg": number(0, 360, above=True) | None,
+        "elevation_deg": _Elevation | None,
+        "axis": Vector3 | None,
+    },
+    "hemisphere": {
+        "count": Count,
+        "radius": RigLength | None,
+        "elevation_deg": _Elevation | None,
+        "axis": Vector3 | None,
+    },
+    "trajectory": {
+        "count": Count,
+        "waypoints": Annotated[list[Vector3], _WAYPOINTS],
+        "distance": RigLength | None,
     },
     "light_field": {
         "n": Annotated[int, pydantic.Field(ge=1, le=31)],
