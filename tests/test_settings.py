@@ -11,6 +11,7 @@ import pytest
 
 from twinlens import camera, sensor
 from twinlens.errors import InputError
+from twinlens.geometry import motion
 from twinlens.schema import read, table_of
 from twinlens.settings import Setting, Settings, fields_of, parse_pairs
 
@@ -23,6 +24,9 @@ DECLARED = {
     camera.Misalignment: {},
     camera.Polygon: {"blades": 6},
     camera.ThinLens: {"aperture_diameter": 0.01, "focus_distance": 2.0},
+    motion.Keyframe: {"time": 0.5},
+    motion.Motion: {"velocity": (1.0, 0.0, 0.0)},
+    motion.Turn: {"axis": (1.0, 0.0, 0.0), "deg": 90.0},
     sensor.Exposure: {"time": 0.01},
     sensor.Mismatch: {},
     sensor.Sensor: {},

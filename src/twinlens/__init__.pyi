@@ -16,6 +16,7 @@ from . import (
     sensor as sensor,
     studies as studies,
 )
+from .calibrations.trajectories import read_trajectory as read_trajectory
 from .camera import (
     Annulus as Annulus,
     BareAperture as BareAperture,
@@ -58,6 +59,12 @@ from .camera.rectification import rectify as rectify
 from .dataset import Dataset as Dataset, collate as collate
 from .dataset.poses import read_rig as read_rig, write_rig as write_rig
 from .errors import TwinlensError as TwinlensError
+from .geometry.motion import (
+    Keyframe as Keyframe,
+    Motion as Motion,
+    Trajectory as Trajectory,
+    Turn as Turn,
+)
 from .matching import (
     ApertureSamples as ApertureSamples,
     StereoMatcher as StereoMatcher,

@@ -120,6 +120,10 @@ rectify {set}/cards --fit vlid -o {set}/cards | unknown --fit 'vlid'; did you me
 rectify {tmp}/none --pictures warp -o {tmp}/o | unknown --pictures 'warp'
 show epipolar {set}/cards --cameras 0,2 -o {tmp}/e.png | --cameras
 show epipolar {set}/cards -o {tmp}/e.jpg | must end in .png
+show flow cards --target 0@1 -o {tmp}/f.png | cards: nothing moves: add [[motion]]
+show flow cards --target left -o {tmp}/f.png | --target must be CAMERA@SECONDS, such as 0@0.4
+show flow cards --target 1@nan -o {tmp}/f.png | --target must be CAMERA@SECONDS
+show flow cards --target 2@1 -o {tmp}/f.png | the target camera must be a whole number from 0 to 1, got 2
 show confidence {set}/cards --method opencv_bm -o {tmp}/c.png | this method has no cost volume
 show costs {set}/cards --at 64,0 -o {tmp}/c.svg | --at must be U,V, a column from 0 to 63 and a row from 0 to 47
 show costs {set}/cards --at 1,2 --methods opencv_bm -o {tmp}/c.svg | opencv_bm has no cost curve

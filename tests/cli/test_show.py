@@ -1,7 +1,9 @@
 """`twinlens show`: the pictures of epipolar geometry and of costs, their numbers, and refusals."""
 
 import json
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 import twinlens as tl
@@ -26,6 +28,37 @@ def test_points_are_true_matches_on_their_epipolar_lines(twinlens, dataset, tmp_
     ):
         assert u - u2 == pytest.approx(stored.disp0[round(v), round(u)], abs=1e-3)
         assert v == pytest.approx(v2, abs=1e-3)
+
+
+MOVING = Path(__file__).parents[2] / "docs" / "motion.toml"
+
+
+def test_flow_is_drawn_without_images(twinlens, tmp_path):
+    """The ball of docs/motion.toml moves 0.3 m to the right in 0.2 s, and turns as it rolls."""
+    line = ("show", "flow", MOVING, "--target", "0@0.2", "--size", "48x36")
+    code, out, _ = twinlens(*line, "-o", tmp_path / "f.png")
+    assert (code, out.count("\n")) == (0, 1)
+    picture = read_png(tmp_path / "f.png")
+    assert picture.shape == (36, 48, 3)
+    is_red = (picture[..., 0] == 255) & (picture[..., 1:] < 128).all(axis=-1)
+    assert is_red.sum() > 20
+    assert (picture[0] == 255).all()  # the wall stands still
+    record = json.loads(twinlens(*line, "-o", tmp_path / "f.png", "--json")[1])
+    scene = tl.load_scene(MOVING)
+    camera = tl.Camera.from_fov(48, 36, fov_x_deg=50)
+    rig = tl.Rig.stereo(camera, 0.1, scene.world_from_left)
+    answer = tl.correspondence(scene, rig, (0, 0.0), (0, 0.2))
+    longest = np.linalg.norm(answer.flow[answer.visible], axis=-1).max()
+    assert record["largest_px"] >= longest > 3
+    assert record["visible"] == answer.visible.mean()
+    assert record["target"] == [0, 0.2]
+
+
+def test_a_scene_that_moves_is_not_rendered(twinlens, tmp_path):
+    code, out, error = twinlens("render", MOVING, "-o", tmp_path / "out")
+    assert (code, out) == (2, "")
+    assert "moves, and images and truth are of one time" in error
+    assert not (tmp_path / "out").exists()
 
 
 def test_costs_are_those_of_the_library(twinlens, dataset, tmp_path):

@@ -102,6 +102,8 @@ def test_correspondences_of_stored_views_equal_those_of_the_scene(
     exact = tl.correspondence(SCENE, rig, source, target)
     assert_allclose(ours.pixels, exact.pixels, rtol=0, atol=1e-4)
     assert_allclose(ours.disparity, exact.disparity, rtol=0, atol=1e-4)
+    assert_allclose(ours.target_disparity, exact.target_disparity, rtol=0, atol=1e-4)
+    assert_array_equal(ours.scene_flow, exact.scene_flow)
     unlike = ours.visible != exact.visible
     assert not (unlike.any() and rig.partner(source) == target)
     assert unlike.mean() < 0.04

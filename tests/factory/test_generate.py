@@ -2,6 +2,7 @@ import importlib
 import json
 import os
 import shutil
+import tomllib
 
 import fsspec
 import numpy as np
@@ -453,6 +454,17 @@ def test_a_constant_impossible_mismatch_leaves_no_folder_behind(
     table |= {"lenses": lenses, "sensor": {"mismatch": mismatch}}
     with pytest.raises(InputError, match=f"^recipe.toml: .*{message}"):
         generate(recipe_from_table(table, tmp_path / "recipe.toml"), folder)
+    assert not folder.exists()
+
+
+def test_a_scene_that_moves_is_refused_before_it_is_rendered(tmp_path, folder):
+    path, scene = write_recipe(tmp_path, count=1), tmp_path / "tiny" / "scene.toml"
+    tables = tomllib.loads(scene.read_text())
+    name = next(iter(tables["objects"]))
+    motion = f"\n[[motion]]\nobject = '{name}'\nvelocity = [1, 0, 0]\n"
+    scene.write_text(scene.read_text() + motion)
+    with pytest.raises(InputError, match="scenes: the scene 'tiny' moves, and images"):
+        generate(read_recipe(path), folder)
     assert not folder.exists()
 
 

@@ -119,6 +119,20 @@ def test_ground_truth_of_a_rectified_pair_agrees_in_both_orders(scene):
         shift = (rig.cameras[source].pixel_grid() - answer.pixels)[finite]
         assert np.abs(shift[:, 1]).max() < 1e-6
         assert np.abs(sign * shift[:, 0] - answer.disparity[finite]).max() < 1e-4
+        assert np.array_equal(answer.flow[finite], -shift)
+        assert np.isposinf(answer.flow[~finite]).all()
+        error = answer.target_disparity[finite] - answer.disparity[finite]
+        assert np.abs(error).max() < 1e-5
+        assert np.isposinf(answer.target_disparity[~finite]).all()
+
+
+def test_surfaces_of_a_still_scene_do_not_move(scene):
+    """Whatever the cameras; and nothing is known where nothing was hit."""
+    answer = tl.correspondence(scene, cases.crossed_rig(), 2, 0)
+    missed = np.isinf(answer.pixels[..., 0])
+    assert np.array_equal(answer.scene_flow[~missed], np.zeros(((~missed).sum(), 3)))
+    assert np.isposinf(answer.scene_flow[missed]).all()
+    assert np.isposinf(answer.target_disparity).all()
 
 
 def test_cameras_at_one_position_are_related_by_a_homography(scene):

@@ -14,6 +14,13 @@ lens = tl.ThinLens(aperture_diameter=0.01, focus_distance=2.0)
 left, right = tl.render(scene, rig, lens, spp=64, seed=0)
 truth: list[tl.Truth] = tl.ground_truth(scene, rig)
 depth: NDArray[np.float64] = truth[0].depth
+spin = tl.Motion(object="ball", angular_velocity_deg=(0, 0, 90))
+moving = scene.moving(spin)
+still: tl.Scene = moving.at(0.4)
+answer = tl.correspondence(
+    moving, rig.moving(tl.Motion(velocity=(1, 0, 0))), (0, 0.0), (1, 0.4)
+)
+flow: NDArray[np.float64] = answer.flow
 grid = tl.render_lens_grid(scene, rig, [lens, tl.Pinhole()], spp=64, seed=0)
 photo = tl.Sensor().expose(left, camera=camera, lens=lens, seed=0)
 disparity: NDArray[np.float32] = tl.match(

@@ -12,6 +12,7 @@ from twinlens.camera.intrinsics import Camera
 from twinlens.camera.projector import Projector
 from twinlens.errors import InputError, check_int, counted, format_value
 from twinlens.geometry import Float, check_rigid, inverse, rigid, transform_points
+from twinlens.geometry.motion import Motion, check_time
 from twinlens.optics import check_length
 from twinlens.settings import Setting, Settings
 
@@ -30,15 +31,18 @@ class Rig:
     calibrated : the rig that the calibration describes, where it differs on purpose (`camera.misaligned`): images are
     taken by this rig, while a sample's truth and calibration are those of the calibrated one.
     projectors : they move with the first camera, in whose axes their poses are.
+    motion : how the rig moves as one body, by default about the centre of its first camera. `at(time)` is the still rig
+        that renders; a trajectory is of the axes in which the poses are given.
 
-    Raises InputError when the counts differ, the rig is empty, a pose is not rigid, or `calibrated` has other
-    projectors, or has them at other places in the world.
+    Raises InputError when the counts differ, the rig is empty, a pose is not rigid, `calibrated` has other projectors,
+    or has them at other places in the world, and for a motion that names an object or a light.
     """
 
     cameras: tuple[Camera, ...]
     world_from_cams: tuple[Float, ...]
     calibrated: "Rig | None" = None
     projectors: tuple[Projector, ...] = ()
+    motion: Motion | None = None
 
     def __init__(
         self,
@@ -46,6 +50,7 @@ class Rig:
         world_from_cams: Sequence[ArrayLike],
         calibrated: "Rig | None" = None,
         projectors: Sequence[Projector] = (),
+        motion: Motion | None = None,
     ) -> None:
         if len(cameras) != len(world_from_cams) or not cameras:
             got = f"{counted(len(cameras), 'camera')} and {counted(len(world_from_cams), 'pose')}"
@@ -66,6 +71,7 @@ class Rig:
             "cameras": tuple(cameras),
             "world_from_cams": poses,
             "calibrated": calibrated,
+            "motion": _checked_motion(motion, poses[0][:3, 3]),
         }
         _check_sequences(projectors)
         for name, value in (values | {"projectors": tuple(projectors)}).items():
@@ -107,6 +113,33 @@ class Rig:
         left_from_right = rigid(np.eye(3), [baseline, 0.0, 0.0])
         return cls((camera, right), (left_pose, left_pose @ left_from_right))
 
+    def moving(self, motion: Motion) -> "Rig":
+        """The same rig with a motion, in place of any that it has. Raises InputError."""
+        return replace(self, motion=motion)
+
+    def at(self, time: float) -> "Rig":
+        """The still rig at a time (seconds); a rig without motion is the same at all times.
+
+        Raises InputError outside the times of its keyframes or trajectory, with the range that they cover.
+
+        >>> rig = Rig.stereo(Camera.from_fov(64, 48, 60), 0.1).moving(Motion(velocity=(0.5, 0, 0)))
+        >>> rig.at(0.4).world_from_cams[0][:3, 3].tolist()
+        [0.2, 0.0, 0.0]
+        """
+        check_time(time)
+        if self.motion is None:
+            return self
+        origin = self.world_from_cams[0][:3, 3]
+        return self._displaced(self.motion.displacement(time, origin))
+
+    def _displaced(self, displacement: Float) -> "Rig":
+        """The still rig, and its calibrated one, after a displacement (4, 4) in the world."""
+        poses = [displacement @ pose for pose in self.world_from_cams]
+        calibrated = None
+        if self.calibrated is not None:
+            calibrated = self.calibrated._displaced(displacement)
+        return Rig(self.cameras, poses, calibrated, self.projectors)
+
     @property
     def nominal(self) -> "Rig":
         """The rig of truth and calibration: `calibrated`, or this rig where it has none."""
@@ -145,7 +178,12 @@ class Rig:
 
     def with_projectors(self, projectors: Sequence[Projector]) -> "Rig":
         """The same cameras with these projectors; a `calibrated` rig gets them at the same places in the world."""
-        made = Rig(self.cameras, self.world_from_cams, projectors=projectors)
+        made = Rig(
+            self.cameras,
+            self.world_from_cams,
+            projectors=projectors,
+            motion=self.motion,
+        )
         if self.calibrated is None:
             return made
         moved = made.projectors_from(self.calibrated.world_from_cams[0])
@@ -183,7 +221,8 @@ class Rig:
             *self.cameras,
             *(projector.intrinsics for projector in self.projectors),
         ]
-        return Rig(cameras, [*self.world_from_cams, *self.world_from_projectors])
+        poses = [*self.world_from_cams, *self.world_from_projectors]
+        return Rig(cameras, poses, motion=self.motion)
 
     def partner(self, index: int) -> int | None:
         """The camera that `index` is matched with: 0 with 1, 2 with 3, ...; an odd last one with the one before it.
@@ -214,7 +253,7 @@ class Rig:
             for projector in self.projectors_from(poses[0])
             if projector.band in seen
         ]
-        return Rig(cameras, poses, calibrated, projectors)
+        return Rig(cameras, poses, calibrated, projectors, self.motion)
 
     def baseline(self, a: int = 0, b: int = 1) -> float:
         """Distance of two camera centres, metres."""
@@ -249,6 +288,21 @@ class Rig:
             and x > 0
             and max(abs(y), abs(z)) <= _ALIGNED * x + _ROUNDING * extent
         )
+
+
+def _checked_motion(motion: Motion | None, centre: Float) -> Motion | None:
+    """The motion of a rig about `centre`. Raises InputError for what is not one, or is that of an object or a light."""
+    if motion is None:
+        return None
+    if not isinstance(motion, Motion):
+        raise InputError(
+            f"the motion of a rig must be a Motion, got {format_value(motion)}"
+        )
+    if motion.object is not None or motion.light is not None:
+        raise InputError(
+            f"the motion of a rig must not name what moves, it names {motion.subject}"
+        )
+    return motion.about_point(centre)
 
 
 def _check_sequences(projectors: Sequence[Projector]) -> None:
@@ -373,4 +427,5 @@ def misaligned(rig: Rig, errors: Sequence[Misalignment]) -> Rig:
         )
         cameras.append(error.camera(camera))
         poses.append(pose @ motion)
-    return Rig(cameras, poses, rig.nominal, rig.projectors_from(poses[0]))
+    projectors = rig.projectors_from(poses[0])
+    return Rig(cameras, poses, rig.nominal, projectors, rig.motion)

@@ -135,17 +135,30 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Correspondence:
-    """The pixel in one camera (the target) of each pixel of another (the source). Arrays (H, W[, 2]).
+    """The pixel in one camera (the target) of each pixel of another (the source). Arrays (H, W[, 2 or 3]).
 
     pixels : float64 (H, W, 2), (u', v') in the target's image, distorted, also where the point is outside the image or
         occluded; +inf where nothing was hit, or the point is behind the target or beyond its distortion's range.
     visible : bool, whether the target sees the point: inside its image and not occluded.
     disparity : float32, pixels, u_left - u_right where the two are a rectified pair in either order; +inf elsewhere.
+    target_disparity : float32, the disparity of the same surface points at the target's time.
+    scene_flow : float64 (H, W, 3), metres: how the surface point moves from the source's time to the target's, in the
+        axes of the source camera at its time. 0 where surfaces are still, however cameras move; +inf where nothing was
+        hit.
     """
 
     pixels: NDArray[np.float64]
     visible: NDArray[np.bool_]
     disparity: NDArray[np.float32]
+    target_disparity: NDArray[np.float32]
+    scene_flow: NDArray[np.float64]
+
+    @property
+    def flow(self) -> NDArray[np.float64]:
+        """Optical flow (H, W, 2), pixels: `pixels` minus the source's own pixel (u, v); +inf where `pixels` is."""
+        height, width = self.visible.shape
+        own_pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
+        return np.asarray(self.pixels - own_pixels)
 
 
 @dataclass(frozen=True, eq=False)

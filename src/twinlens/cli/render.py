@@ -40,7 +40,7 @@ from twinlens.factory.lenses import (
     parse_lens,
 )
 from twinlens.factory.settings import read_rig_file
-from twinlens.rendering import backend
+from twinlens.rendering import backend, check_still
 from twinlens.report import shot_text
 from twinlens.scenes import Scene, load_scene, scene_with_rig
 from twinlens.sensor import Sensor
@@ -229,7 +229,8 @@ def _rendered(job: _Job, shoot: Shoot) -> Sample:
 
 
 def _job(scene: Scene, sensor: Sensor, options: dict[str, Any]) -> _Job:
-    """The job of a scene. Raises InputError for options that do not fit it or each other."""
+    """The job of a scene. Raises InputError for options that do not fit it or each other, and a scene that moves."""
+    check_still(scene)
     width, height = camera_text.parse_size(options["size"], options["camera"])
     if options["sky"] is not None:
         scene = _under_sky(scene, options["sky"], options["seed"])

@@ -1,5 +1,6 @@
-"""`twinlens show`: pictures of a sample's geometry, of matching costs, and of confidences."""
+"""`twinlens show`: pictures of a sample's geometry, of matching costs, of confidences, and of optical flow."""
 
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -20,10 +21,12 @@ from twinlens.cli.places import FIGURE_FILE, PLACE, PNG_FILE, missing_output
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Place, StoredSample, open_pair, place, write_png
 from twinlens.dataset.files import write_file
-from twinlens.errors import FileError, check_int, located
+from twinlens.errors import FileError, InputError, check_int, located
+from twinlens.factory import camera_text, default_rig
 from twinlens.geometry import Float
 from twinlens.geometry.epipolar import sampson_distance
 from twinlens.matching import CostCurve, cost_curve, parse_method
+from twinlens.rendering import correspondence
 from twinlens.report.confidence_picture import confidence_picture
 from twinlens.report.cost_picture import cost_picture
 from twinlens.report.epipolar_picture import (
@@ -31,6 +34,8 @@ from twinlens.report.epipolar_picture import (
     found_matches,
     true_matches,
 )
+from twinlens.report.flow_picture import flow_picture, largest_flow
+from twinlens.scenes import load_scene
 from twinlens.scoring import (
     ConfidenceScores,
     Pair,
@@ -42,6 +47,7 @@ from twinlens.scoring import (
 )
 from twinlens.scoring.doubts import doubt_of_order
 from twinlens.scoring.reasons import Reason
+from twinlens.settings import NUMBER
 
 COST_METHODS = "sad,zncc,census,sgm"
 
@@ -62,13 +68,85 @@ _lens_option = click.option(
 
 @click.group("show")
 def command() -> None:
-    """Draw the geometry of a sample, the costs of one of its pixels, or the confidence of a matcher.
+    """Draw the geometry of a sample, the costs of one of its pixels, the confidence of a matcher, or true flow.
 
     \b
     Example:  twinlens show epipolar out/staircase -o epipolar.png
               twinlens show costs out/staircase --at 120,80 -o costs.png
               twinlens show confidence out/staircase --method sgm -o confidence.png
+              twinlens show flow moving.toml --target 0@0.2 -o flow.png
     """
+
+
+@command.command("flow")
+@click.argument("scene", metavar="SCENE")
+@click.option(
+    "-o", "--output", required=True, type=PNG_FILE, help="The picture, a PNG file."
+)
+@click.option(
+    "--source",
+    default="0@0",
+    show_default=True,
+    metavar="CAMERA@SECONDS",
+    help="The camera and the time of the picture's pixels.",
+)
+@click.option(
+    "--target",
+    required=True,
+    metavar="CAMERA@SECONDS",
+    help="The camera and the time to which the flow leads.",
+)
+@click.option("--size", help="Image size, WIDTHxHEIGHT.  [default: 640x480]")
+@json_option("lengths and shares of pixels")
+def flow(
+    scene: str,
+    output: Path,
+    source: str,
+    target: str,
+    size: str | None,
+    as_json: bool,
+) -> None:
+    """Draw the exact optical flow between two times of a scene that moves, without rendering images.
+
+    SCENE is a bundled name or a scene file, of which [[motion]] says what moves. The colour of a pixel is the direction
+    of its flow (red to the right, cyan to the left), and its saturation the length. Where nothing is hit it is black.
+    Pixels whose point the target does not see are coloured too.
+
+    \b
+    Example:  twinlens show flow moving.toml --source 0@0 --target 0@0.2 -o flow.png
+    """
+    instants = _parse_instant("--source", source), _parse_instant("--target", target)
+    width, height = camera_text.parse_size(size)
+    loaded = load_scene(scene)
+    if not loaded.motion and instants[0][0] == instants[1][0]:
+        raise InputError(
+            f"{scene}: nothing moves: add [[motion]] to the scene file, or name two cameras"
+        )
+    rig = default_rig(loaded, width, height)
+    with progress_bar("tracing"), located(scene):
+        answer = correspondence(loaded, rig, *instants)
+    longest = largest_flow(answer.flow)
+    visible = float(answer.visible.mean())
+    write_png(output, flow_picture(answer.flow))
+    record = {
+        "picture": str(output), "source": instants[0], "target": instants[1], "largest_px": longest,
+        "hit": float(np.isfinite(answer.flow[..., 0]).mean()), "visible": visible,
+    }  # fmt: skip
+    text = (
+        f"{output}: longest flow {longest:.2f} px, {100 * visible:.1f} % of the pixels are visible in the "
+        "target"
+    )
+    print_result(as_json, record, text)
+
+
+def _parse_instant(option: str, text: str) -> tuple[int, float]:
+    """The camera and the time of `0@0.4`; without a time, 0. Raises InputError."""
+    parts = re.fullmatch(rf"([0-9]{{1,6}})(?:@({NUMBER}))?", text.strip())
+    if parts is None:
+        raise InputError(
+            f"{option} must be CAMERA@SECONDS, such as 0@0.4, got {text!r}"
+        )
+    return int(parts[1]), float(parts[2] or 0.0)
 
 
 @command.command("epipolar")

@@ -153,9 +153,11 @@ def write_rig(path: FilePath, rig: Rig, names: Sequence[str] | None = None) -> N
         without an ending is a folder for COLMAP's text model.
     names : of the images, for transforms.json and COLMAP; im0.png ... by default.
 
-    `read_rig`, `twinlens render --rig` and recipes read them all. Raises InputError for another ending and for what the
-    kind cannot hold, and OutputError.
+    `read_rig`, `twinlens render --rig` and recipes read them all. Raises InputError for another ending, for what the
+    kind cannot hold, and for a rig that moves, and OutputError.
     """
+    if rig.motion is not None:
+        raise InputError(f"{path}: a file has a still rig: write rig.at(seconds)")
     kind = Path(path).suffix.lower()
     if kind in (".yml", ".yaml"):
         write_opencv(path, rig)

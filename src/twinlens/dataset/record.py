@@ -47,6 +47,9 @@ ADDED: dict[tuple[str, str], Any] = {
 }
 """Fields that earlier versions do not have. They are left out at this value."""
 
+LEFT_OUT = {("Rig", "motion")}
+"""Fields that no record has: images and truth are of still rigs."""
+
 PACKED_ABOVE, MAX_PACKED = 1024, 4096 * 4096
 """Arrays of more than the first and at most the second number of values are packed; the largest are aperture masks."""
 
@@ -151,10 +154,10 @@ def _plain_dataclass(value: Any, nan_as_null: bool) -> dict[str, Any]:
     """The class name under "type", and the fields; large arrays are packed, which readers unpack in fields only."""
     record: dict[str, Any] = {"type": type(value).__name__}
     for field in dataclasses.fields(value):
-        if not field.init:
+        key = record["type"], field.name
+        if not field.init or key in LEFT_OUT:
             continue
         content = getattr(value, field.name)
-        key = record["type"], field.name
         if key in ADDED and content == ADDED[key]:
             continue
         if _is_packed(content):
@@ -201,7 +204,7 @@ def _model(kind: type) -> type[pydantic.BaseModel]:
     hints = typing.get_type_hints(kind)
     fields: dict[str, Any] = {"type": (Literal[kind.__name__], ...)}
     for field in dataclasses.fields(kind):
-        if not field.init:
+        if not field.init or (kind.__name__, field.name) in LEFT_OUT:
             continue
         hint = hints[field.name]
         if hint == kind | None:  # a Rig in a Rig, whose model does not exist yet

@@ -98,7 +98,11 @@ def correspondence_of(
         disparity[here.hit] = shift
     elif rig.is_rectified(target, source):
         disparity[here.hit] = -shift
-    return Correspondence(pixels, visible, disparity.astype(np.float32))
+    disparity = disparity.astype(np.float32)
+    # Both views are of one time: surfaces are still, and the disparity at the target's time is the same.
+    still = np.full(here.position.shape, np.inf)
+    still[here.hit] = 0.0
+    return Correspondence(pixels, visible, disparity, disparity, still)
 
 
 def _visible_in(

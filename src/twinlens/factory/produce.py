@@ -37,6 +37,7 @@ from twinlens.families import random_scene
 from twinlens.rendering import (
     Progress,
     check_lit,
+    check_still,
     forget_kernels,
     ground_truth,
 )
@@ -245,6 +246,8 @@ def _dry_run(
     spec = plan(recipe, index, attempt)
     settings = read(RecipeSettings, dict(spec.drawn), file)
     scene = recipe.sources.scene(spec.scene) if spec.kind == "scene" else ANY_SCENE
+    with located(f"{file}: scenes"):
+        check_still(scene)
     if spec.kind == "family":
         check_overlap(spec.scene, settings, recipe.gates, file, recipe.sources.file)
     rig, sensor = _cameras(spec, settings, scene, recipe.sources, file)

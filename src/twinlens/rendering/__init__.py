@@ -29,6 +29,7 @@ from twinlens.rendering.requests import (
     Progress as Progress,
     check_lit as check_lit,
     check_memory as check_memory,
+    check_still as check_still,
     partial_progress as partial_progress,
 )
 from twinlens.rendering.samplers import (

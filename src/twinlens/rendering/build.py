@@ -28,6 +28,7 @@ from twinlens.rendering.materials import (
 )
 from twinlens.rendering.xml_frames import place, scale_lights
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
+from twinlens.scenes.scene import copy_name
 from twinlens.scenes.shapes import transformed
 from twinlens.scenes.xml_file import checked_xml
 
@@ -120,19 +121,25 @@ def build(scene: Scene, frame: SceneFrame = WORLD) -> BuiltScene:
 def build_moved(scene: Scene, before: Scene, frame: SceneFrame = WORLD) -> BuiltScene:
     """The built scene of `before`, whose objects take the poses that they have in `scene`.
 
-    The scenes must differ in these poses alone. Nothing is loaded again. What was built in any frame then belongs to
-    `scene`, and `before` would be built again.
+    As `move_built`. Raises InputError where the scenes differ in more than poses, and for Mitsuba files.
+    """
+    move_built(scene, before)
+    return build(scene, frame)
+
+
+def move_built(scene: Scene, before: Scene) -> None:
+    """Give what was built of `before` in any frame to `scene`, with the poses of its objects.
+
+    The scenes must differ in these poses alone. Nothing is loaded again; `before` would be built again.
 
     Raises InputError where the scenes differ in more than poses, and for Mitsuba files.
     """
     _check_moved(scene, before)
-    built = build(before, frame)
     with _building:
-        in_frames = _cache.pop(before)
+        in_frames = _cache.pop(before, {})
         for of_frame in in_frames.values():
             _move(of_frame, scene)
         _cache[scene] = in_frames
-    return built
 
 
 def _built(scene: Scene, frame: SceneFrame) -> BuiltScene:
@@ -191,7 +198,11 @@ def _placement(body: Body, frame_from_model: Float) -> dict[str, Any]:
     # Mitsuba folds other keys of the plugin into its pose, such as the radius of a sphere.
     plugin = _placed_plugin(body.surface, frame_from_model)
     loaded = mi.traverse(mi.load_dict(mitsuba_value(plugin)))
-    return {"to_world": loaded["to_world"]}
+    if "to_world" in loaded:
+        return {"to_world": loaded["to_world"]}
+    # A cube is a mesh, whose vertices have the pose already.
+    names = ("vertex_positions", "vertex_normals", "faces")
+    return {name: loaded[name] for name in names}
 
 
 def _need_two_threads() -> None:
@@ -289,7 +300,7 @@ def _copy_names(scene_object: SceneObject) -> list[str]:
     """The names of an object's copies in the ground truth, one for each of `_poses`."""
     if not scene_object.instances:
         return [scene_object.name]
-    return [f"{scene_object.name}[{i}]" for i in range(len(scene_object.instances))]
+    return [copy_name(scene_object.name, i) for i in range(len(scene_object.instances))]
 
 
 def _poses_of(scene: Scene) -> list[Float]:

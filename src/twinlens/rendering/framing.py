@@ -6,12 +6,13 @@ on the scene and the rig alone, not on what was rendered before.
 """
 
 import weakref
+from dataclasses import replace
 
 import numpy as np
 
 from twinlens.camera import Rig
 from twinlens.geometry import Float, rotate
-from twinlens.rendering.build import BuiltScene, build
+from twinlens.rendering.build import BuiltScene, build, move_built
 from twinlens.rendering.frames import (
     SceneFrame,
     best_frame,
@@ -27,6 +28,30 @@ _WORSE = 2.0  # than the best frame, of one that is kept
 _LEAST_DISTANCE = 1e-6  # of a surface from its camera, relative to the largest one
 
 _frames: "weakref.WeakKeyDictionary[Scene, weakref.WeakKeyDictionary[Rig, SceneFrame]]" = weakref.WeakKeyDictionary()
+
+
+_stills: "weakref.WeakKeyDictionary[Scene, tuple[float, Scene]]" = (
+    weakref.WeakKeyDictionary()
+)
+"""Of a moving scene, the time and the still scene at which it is built now."""
+
+
+def built_at(scene: Scene, time: float, rig: Rig) -> BuiltScene:
+    """A scene as it is at a time (seconds), built in the frame of the still `rig`, for ground truth.
+
+    A moving scene is built once: the next call moves the objects of what this call returns. Lights stay where they are
+    placed, for ground truth does not depend on them.
+    """
+    if not scene.motion:
+        return built_for(scene, rig)
+    last_time, still = _stills.get(scene, (None, None))
+    if still is None or time != last_time:
+        last = still
+        still = replace(scene.at(time), lights=scene.lights)
+        if last is not None:
+            move_built(still, last)
+        _stills[scene] = time, still
+    return built_for(still, rig)
 
 
 def built_for(scene: Scene, rig: Rig) -> BuiltScene:

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Rig
 from twinlens.camera.truth import Correspondence, Projection, Truth
-from twinlens.errors import InputError, check_int
+from twinlens.errors import InputError, check_int, format_value, located
 from twinlens.geometry import Float, inverse, rotate, transform_points
+from twinlens.geometry.motion import check_time
 from twinlens.rendering.build import BuiltScene
-from twinlens.rendering.framing import built_for
+from twinlens.rendering.framing import built_at, built_for
 from twinlens.rendering.object_truth import models_of, object_truths
-from twinlens.rendering.requests import check_view
+from twinlens.rendering.requests import check_types, check_view
 from twinlens.rendering.tracing import (
     Hits,
     Rays,
@@ -188,33 +189,124 @@ def _check_extra_names() -> None:
             )
 
 
+class _Instant(NamedTuple):
+    """A camera at a time in seconds."""
+
+    camera: int
+    time: float
+
+
 def correspondence(
-    scene: Scene, rig: Rig, source: int = 0, target: int = 1, *, sky: bool = False
+    scene: Scene,
+    rig: Rig,
+    source: int | tuple[int, float] = 0,
+    target: int | tuple[int, float] = 1,
+    *,
+    sky: bool = False,
 ) -> Correspondence:
     """The position of every pixel of camera `source` in the image of camera `target`, and its visibility there.
 
-    The hits of the source's chief rays are projected into the target. Any poses and distortions are allowed, also two
-    cameras at one position.
+    The hits of the source's chief rays move with their objects to the target's time, and are projected into the target.
+    Any poses and distortions are allowed, also two cameras at one position, and any times, also backwards.
 
     Parameters
     ----------
+    source, target : int or (int, float)
+        A camera of the rig, or a camera and a time in seconds; without a time, 0. The same camera at two times gives
+        optical flow.
     sky : bool
         Give rays that hit nothing the pixel of the point at infinity, instead of +inf (unknown).
 
-    Raises InputError unless source and target are two cameras of the rig.
+    Disparities are those of `source` and `target`; if these are one camera, of this camera and its partner
+    (`Rig.partner`).
+
+    Raises InputError unless source and target are two cameras of the rig, or one camera at two times; and for times
+    that the motions of scene and rig do not cover.
     """
-    check_view(scene, rig)
-    if not (0 <= source < len(rig) and 0 <= target < len(rig)) or source == target:
+    check_types(scene, rig)
+    here, there = _instant(rig, "source", source), _instant(rig, "target", target)
+    if here == there:
         raise InputError(
-            f"a pair needs two different cameras from 0 to {len(rig) - 1}, got {source} and {target}"
+            f"a pair needs two different cameras from 0 to {len(rig) - 1}, or one camera at two times (camera, "
+            f"seconds), got {source} and {target}"
         )
-    view = _view_hits(built_for(scene, rig), rig, source)
-    seen = _seen_from(view, rig, target, sky)
+    rig_now = rig.at(here.time)
+    view = _view_hits(built_at(scene, here.time, rig_now), rig_now, here.camera)
+    now = _Then(view.built, rig_now, view.first.position)
+    # A moving scene is built once: at the target's time `view.built` is moved too, and only its hits are used.
+    poses = _poses(view.built)
+    rig_then = rig.at(there.time)
+    built = built_at(scene, there.time, rig_then)
+    then = _Then(built, rig_then, _carried(view.first, poses, _poses(built)))
+    seen = _seen_from(view, then, there.camera, sky)
+    is_one_camera = here.camera == there.camera
+    partner = rig.partner(here.camera) if is_one_camera else there.camera
     return Correspondence(
         view.image(seen.pixels, np.float64),
         view.image(seen.visible, np.bool_),
-        view.image(_disparity(view, seen.pixels, target, sky), np.float32),
+        view.image(_disparity_at(view, now, partner, sky), np.float32),
+        view.image(_disparity_at(view, then, partner, sky), np.float32),
+        view.image(_scene_flow(view, then), np.float64),
     )
+
+
+def _instant(rig: Rig, name: str, value: Any) -> _Instant:
+    """A camera, or (camera, seconds), of a rig. Raises InputError."""
+    camera, time = value, 0.0
+    if isinstance(value, (tuple, list)):
+        if len(value) != 2:
+            raise InputError(
+                f"{name} must be a camera, or (camera, seconds), got {format_value(value)}"
+            )
+        camera, time = value
+    check_int(f"the {name} camera", camera, 0, len(rig) - 1)
+    with located(name):
+        return _Instant(int(camera), check_time(time))
+
+
+def _poses(built: BuiltScene) -> list[Float | None]:
+    """The poses of all bodies now; None for shapes of a Mitsuba file."""
+    return [body.world_from_model for body in built.bodies]
+
+
+def _carried(
+    first: Hits, before: Sequence[Float | None], after: Sequence[Float | None]
+) -> Float:
+    """The hits (N, 3), in the world, after their bodies moved from the poses `before` to those `after`."""
+    position = first.position.copy()
+    for row in np.unique(first.body[first.is_hit]).tolist():
+        start, end = before[row], after[row]
+        if start is None or end is None or np.array_equal(start, end):
+            continue
+        on_body = first.body == row
+        # Differences from the body's origin come first: they are exact far from the origin of the world.
+        turn = end[:3, :3] @ np.linalg.inv(start[:3, :3])
+        from_origin = position[on_body] - start[:3, 3]
+        position[on_body] = from_origin @ turn.T + end[:3, 3]
+    return position
+
+
+def _disparity_at(
+    view: ViewHits, then: "_Then", partner: int | None, sky: bool
+) -> Float:
+    """The disparity (N,) of the hits between the view's camera and a partner, at a time; +inf without a partner."""
+    if partner is None:
+        return np.full(len(view.rays), np.inf)
+    if then.position is view.first.position:
+        own_pixels = view.camera.pixel_grid().reshape(-1, 2)  # without rounding
+    else:
+        own_pixels = _pixels_in(view, then, view.index, sky)
+    pixels = _pixels_in(view, then, partner, sky)
+    return _disparity(view, then.rig, (view.index, partner), own_pixels, pixels)
+
+
+def _scene_flow(view: ViewHits, then: "_Then") -> Float:
+    """How the surface points move (N, 3), in the frame of the view's camera; +inf where nothing was hit."""
+    hit = view.first.is_hit
+    moved = then.position[hit] - view.first.position[hit]
+    flow = np.full(then.position.shape, np.inf)
+    flow[hit] = rotate(_cam_from_world(view.rig, view.index), moved)
+    return flow
 
 
 def projection(
@@ -238,11 +330,23 @@ def projection(
 def _projection(view: ViewHits, projector: int) -> Projection:
     views = view.rig.views  # the cameras, then the projectors
     lamp = len(view.rig) + projector
-    seen = _seen_from(view, views, lamp, sky=False)
+    then = _Then(view.built, views, view.first.position)
+    seen = _seen_from(view, then, lamp, sky=False)
     with np.errstate(invalid="ignore"):  # +inf where nothing was hit
         towards = views.world_from_cams[lamp][:3, 3] - view.first.position
         is_front_lit = (view.first.normal * towards).sum(axis=1) > 0
     return Projection(view.image(seen.pixels), view.image(seen.visible & is_front_lit))
+
+
+class _Then(NamedTuple):
+    """The time at which others see what a view hits: the scene and its cameras then, and where the hits are then.
+
+    position : (N, 3), world coordinates; +inf where nothing was hit.
+    """
+
+    built: BuiltScene
+    rig: Rig
+    position: Float
 
 
 class _Seen(NamedTuple):
@@ -256,25 +360,36 @@ class _Seen(NamedTuple):
     visible: NDArray[np.bool_]
 
 
-def _seen_from(view: ViewHits, rig: Rig, target: int, sky: bool) -> _Seen:
-    """Where view `target` of `rig` sees the hits; with `sky`, also the points at infinity of rays without a hit."""
+def _seen_from(view: ViewHits, then: _Then, target: int, sky: bool) -> _Seen:
+    """Where view `target` of the rig sees the hits; with `sky`, also the points at infinity of rays without a hit."""
     first, hit = view.first, view.first.is_hit
-    camera, pose = rig.cameras[target], rig.world_from_cams[target]
-    centre, cam_from_world = pose[:3, 3], inverse(pose)
-    points = first.position[hit]
-    pixels = np.full((len(hit), 2), np.inf)
-    pixels[hit] = camera.project(transform_points(cam_from_world, points))
+    centre = then.rig.world_from_cams[target][:3, 3]
+    pixels = _pixels_in(view, then, target, sky)
     visible = np.zeros(len(hit), dtype=bool)
     visible[hit] = visible_from(
-        view.built, centre, points, first.body[hit], first.prim[hit]
+        then.built, centre, then.position[hit], first.body[hit], first.prim[hit]
     )
+    if sky:
+        towards_sky = Rays.from_point(centre, view.rays.direction[~hit])
+        visible[~hit] = intersect(then.built, towards_sky).body < 0
+    return _Seen(pixels, visible & then.rig.cameras[target].contains(pixels))
+
+
+def _pixels_in(view: ViewHits, then: _Then, index: int, sky: bool) -> Float:
+    """The pixels (N, 2) of the hits in a camera; with `sky`, also of the points at infinity of rays without a hit."""
+    hit = view.first.is_hit
+    camera, cam_from_world = then.rig.cameras[index], _cam_from_world(then.rig, index)
+    pixels = np.full((len(hit), 2), np.inf)
+    pixels[hit] = camera.project(transform_points(cam_from_world, then.position[hit]))
     if sky:
         directions = view.rays.direction[~hit]
         pixels[~hit] = camera.project(rotate(cam_from_world, directions))
-        towards_sky = Rays.from_point(centre, directions)
-        visible[~hit] = intersect(view.built, towards_sky).body < 0
     pixels[np.isnan(pixels)] = np.inf  # points that the camera cannot project
-    return _Seen(pixels, visible & camera.contains(pixels))
+    return pixels
+
+
+def _cam_from_world(rig: Rig, index: int) -> Float:
+    return inverse(rig.world_from_cams[index])
 
 
 class _Partner(NamedTuple):
@@ -290,26 +405,32 @@ def _in_partner(view: ViewHits, sky_disparity: bool) -> _Partner:
         count = len(view.rays)
         return _Partner(np.full(count, np.inf), np.zeros(count, dtype=bool))
     sky = sky_disparity and _is_rectified(view.rig, view.index, partner)
-    seen = _seen_from(view, view.rig, partner, sky)
-    return _Partner(_disparity(view, seen.pixels, partner, sky), seen.visible)
+    then = _Then(view.built, view.rig, view.first.position)
+    seen = _seen_from(view, then, partner, sky)
+    own_pixels = view.camera.pixel_grid().reshape(-1, 2)
+    pair = view.index, partner
+    disparity = _disparity(view, view.rig, pair, own_pixels, seen.pixels)
+    return _Partner(disparity, seen.visible)
 
 
-def _disparity(view: ViewHits, pixels: Float, partner: int, sky: bool) -> Float:
-    """u_left - u_right (N,) of a rectified pair in either order; +inf for others, and without `sky` where nothing is.
+def _disparity(
+    view: ViewHits, rig: Rig, pair: tuple[int, int], pixels: Float, others: Float
+) -> Float:
+    """u_left - u_right (N,) of a rectified pair in either order, from the pixels (N, 2) of the hits in its two cameras.
 
-    At infinity it is -doffs.
+    At infinity it is -doffs. +inf for cameras that are no such pair, and for points without an image.
     """
-    rig, hit = view.rig, view.first.is_hit
+    hit = view.first.is_hit
     disparity = np.full(len(hit), np.inf)
-    if not _is_rectified(rig, view.index, partner):
+    if not _is_rectified(rig, *pair):
         return disparity
-    is_left = rig.is_rectified(view.index, partner)
-    left, right = (view.index, partner) if is_left else (partner, view.index)
-    u = view.camera.pixel_grid()[..., 0].reshape(-1)
-    difference = u[hit] - pixels[hit, 0]
-    disparity[hit] = difference if is_left else -difference
-    if sky:
-        disparity[~hit] = 0.0 - rig.doffs(left, right)  # not -0.0
+    is_left = rig.is_rectified(*pair)
+    left, right = pair if is_left else pair[::-1]
+    has_images = np.isfinite(pixels[:, 0]) & np.isfinite(others[:, 0])
+    near, far = hit & has_images, ~hit & has_images
+    difference = pixels[near, 0] - others[near, 0]
+    disparity[near] = difference if is_left else -difference
+    disparity[far] = 0.0 - rig.doffs(left, right)  # not -0.0
     return disparity
 
 

@@ -102,6 +102,25 @@ def check_lit(scene: Scene, band: str = "rgb") -> None:
 
 
 def check_view(scene: Scene, rig: Rig) -> None:
+    """Raise InputError unless the arguments are a Scene and a Rig, both still."""
+    check_types(scene, rig)
+    check_still(scene)
+    if rig.motion is not None:
+        raise InputError(
+            "the rig moves, and images and truth are of one time: use rig.at(seconds)"
+        )
+
+
+def check_still(scene: Scene) -> None:
+    """Raise InputError for a scene that moves."""
+    if scene.motion:
+        raise InputError(
+            f"the scene {scene.name!r} moves, and images and truth are of one time: use scene.at(seconds) in Python; "
+            "recipes and commands take still scenes"
+        )
+
+
+def check_types(scene: Scene, rig: Rig) -> None:
     """Raise InputError unless the arguments are a Scene and a Rig."""
     if not isinstance(scene, Scene):
         raise InputError(

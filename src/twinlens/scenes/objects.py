@@ -82,7 +82,11 @@ class ObjectBase(Placement):
             [shapes.transformed(mesh, copy @ pose) for copy in copies]
         )
         return replace(
-            scene_object, shape=merged, world_from_object=np.eye(4), instances=()
+            scene_object,
+            shape=merged,
+            world_from_object=np.eye(4),
+            instances=(),
+            merged=True,
         )
 
     def looks(

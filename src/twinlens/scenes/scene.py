@@ -4,6 +4,7 @@
 """
 
 import itertools
+import re
 from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,9 +18,12 @@ from twinlens.errors import (
     NotUsedWarning,
     check_known,
     check_number,
+    counted,
+    format_value,
     located,
 )
 from twinlens.geometry import Float, check_rigid
+from twinlens.geometry.motion import Motion, check_time
 from twinlens.scenes.materials import (
     AnyMaterial,
     Bitmap as Bitmap,
@@ -28,7 +32,7 @@ from twinlens.scenes.materials import (
     Plugin as Plugin,
     emission_of,
 )
-from twinlens.scenes.placement import rotation
+from twinlens.scenes.placement import rotation, translation
 
 _EQUAL_SCALES = {"sphere": 3, "cylinder": 2}
 """How many axes of a shape need the same scale. Otherwise Mitsuba logs a warning and renders it without the stretch."""
@@ -99,7 +103,7 @@ class SceneObject:
     name of one of the scene's materials, or the names of those that the mesh's `surface` numbers. An `emitter` makes
     the object a light source. With `instances` (4x4 poses) the
     object appears once per pose, placed by ``instance @ world_from_object``; each copy has its own id (``name[0]``,
-    ``name[1]``, ...), and all share one geometry in memory.
+    ``name[1]``, ...), and all share one geometry in memory. `merged` says that the mesh is several copies in one.
 
     Raises InputError where a sphere is stretched, or a cylinder other than along its axis from `p0` to `p1`.
     """
@@ -110,6 +114,7 @@ class SceneObject:
     world_from_object: Float = field(default_factory=lambda: np.eye(4))
     emitter: Plugin | None = None
     instances: tuple[Float, ...] = ()
+    merged: bool = False
 
     @property
     def materials(self) -> tuple[str, ...]:
@@ -226,6 +231,8 @@ class Scene:
     rig : the table of the scene's cameras (`twinlens.scenes.rigs`); None is a rectified pair.
     sky : in place of `lights`.
     ambient : factor of all its light: lights, objects and materials that emit, sky. It does not scale projectors.
+    motion : how objects and lights move. Their poses here are their placements; `at(time)` is the still scene that
+        renders.
     """
 
     name: str
@@ -244,6 +251,7 @@ class Scene:
     rig: Mapping[str, Any] | None = None
     sky: Sky | None = None
     ambient: float = 1.0
+    motion: tuple[Motion, ...] = ()
 
     def __post_init__(self) -> None:
         check_number(
@@ -263,6 +271,8 @@ class Scene:
             with located(f"objects.{scene_object.name}.material"):
                 for name in scene_object.materials:
                     check_known("material", name, self.materials)
+        object.__setattr__(self, "motion", tuple(self.motion))
+        _check_motions(self)
 
     @property
     def is_lit(self) -> bool:
@@ -277,11 +287,30 @@ class Scene:
                 return True
         return False
 
-    def at(self, world_from_left: ArrayLike) -> "Scene":
-        """The same scene with another pose of the left camera."""
-        return replace(
-            self, world_from_left=np.asarray(world_from_left, dtype=np.float64)
-        )
+    def at(self, when: ArrayLike) -> "Scene":
+        """The still scene at a time (seconds); or, of a pose (4, 4), the same scene with that pose of the left camera.
+
+        Raises InputError outside the times of keyframes or trajectories, with the range that they cover.
+        """
+        if np.ndim(when) > 0:
+            return replace(self, world_from_left=np.asarray(when, dtype=np.float64))
+        time = check_time(when)
+        if not self.motion:
+            return self
+        of_objects = {motion.object: motion for motion in self.motion if motion.object}
+        of_lights = {motion.light: motion for motion in self.motion if motion.light}
+        lights = {
+            name: _light_at(light, of_lights[name], time)
+            if name in of_lights
+            else light
+            for name, light in self.lights.items()
+        }
+        objects = tuple(_object_at(item, of_objects, time) for item in self.objects)
+        return replace(self, objects=objects, lights=lights, motion=())
+
+    def moving(self, *motions: Motion) -> "Scene":
+        """The same scene with these motions beside those that it has. Raises InputError for what cannot move so."""
+        return replace(self, motion=(*self.motion, *motions))
 
     def with_poses(self, poses: Mapping[str, ArrayLike]) -> "Scene":
         """The same scene with other poses `world_from_object` (4, 4) of some of its objects, by name.
@@ -322,6 +351,103 @@ class Scene:
             for name, material in self.materials.items()
         }
         return replace(self, objects=objects, materials=materials, sky=sky)
+
+
+def _object_at(
+    item: SceneObject, motions: Mapping[str, Motion], time: float
+) -> SceneObject:
+    """An object, and its copies, where they are at a time."""
+    whole = motions.get(item.name)
+    if not item.instances:
+        if whole is None:
+            return item
+        return replace(
+            item, world_from_object=whole.pose_at(time, item.world_from_object)
+        )
+    instances = []
+    for number, instance in enumerate(item.instances):
+        motion = motions.get(copy_name(item.name, number), whole)
+        if motion is not None:
+            # The pose of a copy is instance @ world_from_object.
+            origin = (instance @ item.world_from_object)[:3, 3]
+            instance = motion.displacement(time, origin) @ instance
+        instances.append(instance)
+    return replace(item, instances=tuple(instances))
+
+
+def copy_name(name: str, number: int) -> str:
+    """The name of a copy of an object with instances."""
+    return f"{name}[{number}]"
+
+
+def _light_at(light: Plugin, motion: Motion, time: float) -> Plugin:
+    """A point light or spot where it is at a time."""
+    if light["type"] == "point":
+        placement = translation(light.get("position", (0.0, 0.0, 0.0)))
+        return {**light, "position": motion.pose_at(time, placement)[:3, 3].tolist()}
+    placement = np.asarray(light.get("to_world", np.eye(4)), dtype=np.float64)
+    return {**light, "to_world": motion.pose_at(time, placement)}
+
+
+_MOVING_LIGHTS = ("point", "spot")
+_NUMBERED = re.compile(r"(.+)(\[(?:0|[1-9][0-9]*)\])")
+"""The name of a copy: that of its object, and its number."""
+
+
+def _check_motions(scene: Scene) -> None:
+    """Raise InputError for motions of what is not in the scene or cannot move, and for two motions of one body."""
+    parts_of: dict[tuple[str, str], list[str]] = {}
+    for number, motion in enumerate(scene.motion):
+        with located(f"motion[{number}]"):
+            if not isinstance(motion, Motion):
+                raise InputError(f"must be a Motion, got {format_value(motion)}")
+            kind, name, part = _moving_part(scene, motion)
+            parts = parts_of.setdefault((kind, name), [])
+            # The whole object, whose part is "", includes each of its copies.
+            if part in parts or "" in parts or (parts and not part):
+                raise InputError(f"{motion.subject} has a motion already")
+            parts.append(part)
+
+
+def _moving_part(scene: Scene, motion: Motion) -> tuple[str, str, str]:
+    """("light", its name, "") or ("object", its name, "[i]" of a copy or ""), checked."""
+    if motion.light is not None:
+        _check_light_moves(scene, motion.light)
+        return "light", motion.light, ""
+    if motion.object is None:
+        raise InputError(
+            "names nothing that moves: add 'object' or 'light'; a rig moves by Rig.moving"
+        )
+    if scene.xml is not None:
+        raise InputError(
+            f"object {motion.object!r}: objects of a Mitsuba file cannot move"
+        )
+    objects = {item.name: item for item in scene.objects}
+    name, part = motion.object, ""
+    numbered = _NUMBERED.fullmatch(name)
+    if name not in objects and numbered and numbered[1] in objects:
+        name, part = numbered[1], numbered[2]
+        copies = len(objects[name].instances)
+        if not int(part[1:-1]) < copies:
+            raise InputError(
+                f"unknown copy {motion.object!r}: object {name!r} has {counted(copies, 'copy', 'copies')}, "
+                "counted from 0"
+            )
+    check_known("object", name, objects)
+    if objects[name].merged:
+        raise InputError(
+            f"object {name!r} is a merged mesh, whose copies have no poses: leave out 'merge' so that they can move"
+        )
+    return "object", name, part
+
+
+def _check_light_moves(scene: Scene, name: str) -> None:
+    check_known("light", name, scene.lights)
+    kind = scene.lights[name].get("type")
+    if kind not in _MOVING_LIGHTS:
+        raise InputError(
+            f"light {name!r} is {kind!r}, at infinity: only {' and '.join(_MOVING_LIGHTS)} lights can move"
+        )
 
 
 def _affine(pose: ArrayLike, name: str) -> Float:

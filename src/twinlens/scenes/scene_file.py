@@ -9,8 +9,10 @@ from typing import Annotated, Any
 
 import pydantic
 
+from twinlens.calibrations.trajectories import read_trajectory
 from twinlens.errors import FileError, InputError, file_hint, located, unknown
-from twinlens.scenes.assets import SceneContext, find_asset, read_limited
+from twinlens.geometry.motion import Keyframe, Motion
+from twinlens.scenes.assets import Asset, SceneContext, find_asset, read_limited
 from twinlens.scenes.materials import Plugin
 from twinlens.scenes.objects import Object
 from twinlens.scenes.placement import Length, Vector3, view_pose
@@ -19,7 +21,7 @@ from twinlens.scenes.rigs import RigLength, RigTable, rig_from_table, with_files
 from twinlens.scenes.scene import WHOLE_PATHS, Scene
 from twinlens.scenes.texture_tables import Texture
 from twinlens.scenes.xml_file import read_scene_xml
-from twinlens.schema import NEAR_FAR, StrictModel, exactly, read
+from twinlens.schema import NEAR_FAR, StrictModel, exactly, read, table_of
 
 _SCENE_FILE = "scene.toml"
 _ANY_SIZE = (
@@ -46,6 +48,18 @@ class ViewTable(StrictModel):
         return self
 
 
+def _motion(keyframes: Any = (), trajectory: Path | None = None, **keys: Any) -> Motion:
+    path = None if trajectory is None else read_trajectory(trajectory)
+    return Motion(keyframes=tuple(keyframes), trajectory=path, **keys)
+
+
+_KEYFRAMES: Any = list[table_of(Keyframe)]  # type: ignore[misc]  # made at run time
+MotionTable: Any = table_of(
+    Motion, _motion, keyframes=(_KEYFRAMES, []), trajectory=(Asset | None, None)
+)
+"""An entry of [[motion]]; its `trajectory` is a TUM file below the scene's folder."""
+
+
 def _with_files_of_rig(table: Any, info: Any) -> Any:
     if not isinstance(table, Mapping):
         return table
@@ -70,6 +84,7 @@ class SceneFile(StrictModel):
     lights: dict[str, Light] = pydantic.Field({})
     integrator: Integrator = pydantic.Field({**WHOLE_PATHS})
     rig: Annotated[RigTable, pydantic.BeforeValidator(_with_files_of_rig)] | None = None
+    motion: list[MotionTable] = pydantic.Field([])
 
     @pydantic.model_validator(mode="after")
     def _check_scene(self) -> "SceneFile":
@@ -124,6 +139,7 @@ def read_scene_toml(path: Path, name: str) -> Scene:
             depth_range=(camera.depth_range[0], camera.depth_range[1]),
             description=file.description,
             files=(path, *dict.fromkeys(context.files)),
+            motion=tuple(file.motion),
         )
     if file.rig is None:
         return scene
