@@ -4,6 +4,7 @@
 """
 
 import re
+import shutil
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -119,6 +120,20 @@ def recipe(folder: Path) -> None:
     (folder / "recipe.toml").write_text(small_recipe(PLAIN))
 
 
+def shards(folder: Path) -> None:
+    """Two datasets of two random scenes each."""
+    for number in (1, 2):
+        text = small_recipe(LENSES, seed=number)
+        (folder / "shard.toml").write_text(text)
+        made = str(folder / f"shard-{number}")
+        assert run(["generate", str(folder / "shard.toml"), "-o", made]) == 0
+
+
+def motion(folder: Path) -> None:
+    (folder / "docs").mkdir()
+    shutil.copy(DOCS / "motion.toml", folder / "docs")
+
+
 def light_fields(folder: Path) -> None:
     text = recipe_of("light_fields.md", 'layout = "light_field"', width=48, height=48)
     (folder / "light_field.toml").write_text(text)
@@ -186,8 +201,10 @@ STORIES: dict[str, Callable[[Path], None]] = {
     "docs/benchmark.md": benchmark,
     "docs/camera.md": camera,
     "docs/cluster.md": recipe,
+    "docs/datasets.md": shards,
     "docs/light_fields.md": light_fields,
     "docs/methods.md": methods,
+    "docs/motion.md": motion,
     "docs/projectors.md": projectors,
     "docs/real_pairs.md": real_pairs,
     "docs/realism.md": realism,

@@ -36,6 +36,7 @@ pytestmark = pytest.mark.skipif(not DOCS.is_dir(), reason="docs/ is not next to 
 PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
 ELSEWHERE = {
     "README.md": "tests/docs/test_readme.py",
+    "docs/multiview.md": "tests/journeys/test_many_views.py",
     "docs/own_objects.md": "tests/docs/test_own_objects_page.py, tests/journeys/test_own_parts.py",
     "docs/studies.md": "tests/docs/test_readme.py, tests/studies/test_studies_page.py",
 }
@@ -159,11 +160,13 @@ def files(tmp_path_factory):
     return folder
 
 
+READ_ELSEWHERE = {"motion", "multiview"}
+"""Pages whose tables are parts of one scene: test_motion_page and test_many_views read them."""
 TABLES = [
     pytest.param(page, text, id=f"{page.stem}-{i}")
     for page in PAGES
     for i, (_, text) in enumerate(blocks(page, "toml"))
-    if not text.startswith("#:schema")
+    if not text.startswith("#:schema") and page.stem not in READ_ELSEWHERE
 ]
 
 
