@@ -34,6 +34,7 @@ _FIRST_BYTES = {
 _GREY, _RGB, _GREY_ALPHA, _RGB_ALPHA = 0, 2, 4, 6
 _SILENCING = threading.Lock()
 _BITS_PER_SAMPLE = 258  # a tag of TIFF
+_PHOTOMETRIC = 262  # a tag of TIFF; 0 is white as 0
 _COLOUR = slice(24, 26)  # bits per channel and colour type of IHDR
 _CHECKED, _CHECKSUM = slice(12, 29), slice(29, 33)
 
@@ -78,17 +79,28 @@ def stored_values(
     """The values (H, W, C) of a picture that Pillow has opened from `data`.
 
     mode : "RGB" or "RGBA", to which values of 8 bits are converted. Others, of 16 bits and floats, have the channels of
-        the file. Raises ValueError for integers of 32 bits.
+        the file. Raises ValueError for integers of 12 and of 32 bits.
     """
     if has_sixteen_bits(data):
         return decode_sixteen_bits(data)
     if image.mode.startswith("I;16"):
-        return np.asarray(image).astype(np.uint16)[..., None]
+        return _sixteen_bits_of_tiff(image)
     if image.mode == "F":
         return np.asarray(image, np.float32)[..., None]
     if image.mode == "I":
         raise ValueError("it has integers of 32 bits; save it with 8 or 16 bits")
     return np.asarray(image.convert(mode))
+
+
+def _sixteen_bits_of_tiff(image: Any) -> NDArray[np.uint16]:
+    """The grey levels (H, W, 1). Pillow leaves those of 12 bits unscaled, and those with white as 0 as they are."""
+    tags = getattr(image, "tag_v2", {})
+    bits = max(tags.get(_BITS_PER_SAMPLE, (16,)))
+    if bits != 16:
+        raise ValueError(f"it has {bits} bits per channel; save it with 8 or 16 bits")
+    values = np.asarray(image).astype(np.uint16)[..., None]
+    is_white_zero = tags.get(_PHOTOMETRIC) == 0
+    return np.uint16(65535) - values if is_white_zero else values
 
 
 def lost_of_tiff(image: Any) -> list[str]:

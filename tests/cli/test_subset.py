@@ -88,5 +88,5 @@ def test_browse_refuses_a_folder_of_other_files(twinlens, shards, tmp_path):
     (tmp_path / "notes.txt").write_text("x")
     code, _, err = twinlens("browse", shards / "b", "-o", tmp_path)
     assert code == 2
-    assert "contains 'notes.txt' and no pictures.json" in err
+    assert "contains 'notes.txt' and no page of `twinlens browse`" in err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["notes.txt"]

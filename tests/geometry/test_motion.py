@@ -103,6 +103,15 @@ def test_quaternions_of_few_digits_are_scaled_to_unit_length():
 TWO = (Keyframe(0), Keyframe(1))
 PATH = Trajectory([0, 1], np.zeros((2, 3)), [UPRIGHT] * 2)
 REFUSED_MOTIONS = [
+    (
+        {
+            "keyframes": (
+                Keyframe(0, rotate=Turn((0.2, 0.3, 1), 30)),
+                Keyframe(1, rotate=Turn((0.2, 0.3, 1), 290)),
+            )
+        },
+        "keyframes 0 and 1 are 260 degrees apart",
+    ),
     ({}, "needs velocity, angular_velocity_deg, keyframes or a trajectory"),
     ({"velocity": (0, 0, 0), "keyframes": TWO}, "'velocity' and 'keyframes' exclude"),
     ({"trajectory": PATH, "keyframes": TWO}, "'keyframes' and 'trajectory' exclude"),

@@ -12,7 +12,7 @@ import pytest
 import twinlens as tl
 from tests.rendering.rendering_answers import View
 from tests.rendering.rendering_bodies import Ball, Hull, Plate, seen_from
-from twinlens.camera import BrownConrady, Camera, Rig
+from twinlens.camera import BrownConrady, Camera, Misalignment, Rig, misaligned, rectify
 from twinlens.errors import InputError
 from twinlens.geometry.motion import Keyframe, Motion, Turn
 from twinlens.scenes import Mesh, Scene, SceneObject
@@ -434,3 +434,14 @@ def test_functions_of_one_time_refuse_what_moves(moving_rig):
             InputError, match=r"the rig moves, .* use rig.at\(seconds\)"
         ):
             call(crowd(motion=False), moving_rig)
+
+
+def test_the_nominal_and_the_rectified_rig_move_along():
+    camera = tl.Camera.from_fov(64, 48, 60)
+    errors = [Misalignment(), Misalignment(yaw_deg=0.1)]
+    rig = misaligned(tl.Rig.stereo(camera, 0.1), errors)
+    moved = rig.moving(tl.Motion(velocity=(1, 0, 0)))
+    for still in (moved.nominal.at(2.0), moved.at(2.0).nominal):
+        np.testing.assert_allclose(still.world_from_cams[0][:3, 3], [2, 0, 0])
+    rectified = rectify(moved).rectified_rig.at(2.0)
+    np.testing.assert_allclose(rectified.world_from_cams[0][:3, 3], [2, 0, 0])

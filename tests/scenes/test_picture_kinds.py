@@ -66,6 +66,10 @@ PICTURES = {
     "zip.tif": (as_tiff(COLORS, compression="zlib"), COLORS / 255),
     "deep.tif": (as_tiff(DEEP), np.dstack([DEEP] * 3) / 65535),
     "deep-mm.tif": (as_tiff(DEEP, byteorder=">"), np.dstack([DEEP] * 3) / 65535),
+    "deep-negative.tif": (
+        as_tiff(65535 - DEEP, photometric="miniswhite"),
+        np.dstack([DEEP] * 3) / 65535,
+    ),
     "planes.tif": (as_tiff(np.moveaxis(COLORS, 2, 0), photometric="rgb", planarconfig="separate"), COLORS / 255),
 }  # fmt: skip
 

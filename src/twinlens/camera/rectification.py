@@ -137,7 +137,8 @@ def rectify(
         for camera, centre in zip(pair.cameras, centres, strict=True)
     ]
     poses = [rigid(world_from_rect, pose[:3, 3]) for pose in pair.world_from_cams]
-    aligned = Rig(cameras, poses, projectors=pair.projectors_from(poses[0]))
+    projectors = pair.projectors_from(poses[0])
+    aligned = Rig(cameras, poses, projectors=projectors, motion=pair.motion)
     if misalignment == ALIGNED:
         return Rectification(pair, aligned, aligned)
     rectified = misaligned(aligned, (ALIGNED, misalignment))

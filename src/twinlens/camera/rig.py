@@ -114,8 +114,13 @@ class Rig:
         return cls((camera, right), (left_pose, left_pose @ left_from_right))
 
     def moving(self, motion: Motion) -> "Rig":
-        """The same rig with a motion, in place of any that it has. Raises InputError."""
-        return replace(self, motion=motion)
+        """The same rig, and its calibrated one, with a motion in place of any that they have. Raises InputError."""
+        # Both turn about one point.
+        fixed = _checked_motion(motion, self.world_from_cams[0][:3, 3])
+        calibrated = self.calibrated
+        if calibrated is not None:
+            calibrated = replace(calibrated, motion=fixed)
+        return replace(self, motion=fixed, calibrated=calibrated)
 
     def at(self, time: float) -> "Rig":
         """The still rig at a time (seconds); a rig without motion is the same at all times.

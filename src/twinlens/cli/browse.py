@@ -41,7 +41,7 @@ def command(dataset: Place, output: Path | None, as_json: bool) -> None:
         )
     check_creatable(folder)
     if not is_page(folder):
-        refuse_others(folder, ("thumbnails", "channels"), "pictures.json")
+        refuse_others(folder, (), "page of `twinlens browse`")
     kept = "pictures are kept; run the same command to resume"
     with progress_bar("drawing") as report, interrupt_note(lambda: kept):
         shown = write_dataset_page(samples, folder, report)

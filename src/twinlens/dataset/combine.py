@@ -305,6 +305,8 @@ def _write_sample(
     changed: dict[str, bytes] = {}
     if dropped:
         kept, changed = without(sample, expected, dropped)
+        for name in changed:
+            _checked(sample, name, expected[name])
     hashes = {name: expected[name] for name in kept}
     hashes |= {name: hashlib.sha256(data).hexdigest() for name, data in changed.items()}
     row = Row(task.name, dict(sorted(hashes.items())), _row_info(task))

@@ -6,6 +6,8 @@ which channels were dropped, so that readers and `verify` do not miss them.
 
 from collections.abc import Collection, Iterable
 
+import numpy as np
+
 from twinlens.dataset.channels import CHANNELS, TEXTS, FileOf, parse_file
 from twinlens.dataset.record import encode_json
 from twinlens.dataset.storage import MARK
@@ -50,7 +52,9 @@ def without(
         if len(left) == len(arrays):
             kept.append(name)
         elif left:
-            changed[name] = _encoded(sample, name, parsed, dropped)
+            data = _encoded(sample, name, parsed, dropped)
+            if data is not None:
+                changed[name] = data
     if MARK in kept:
         kept.remove(MARK)
         changed[MARK] = _marked(sample, dropped)
@@ -59,10 +63,16 @@ def without(
 
 def _encoded(
     sample: StoredSample, name: str, parsed: FileOf, dropped: Collection[str]
-) -> bytes:
-    """A file of several channels without those that are dropped."""
+) -> bytes | None:
+    """A file of several channels without those that are dropped; None if it has no others."""
     arrays = sample.read_file(parsed.file, sample.path(name))
     left = {key: array for key, array in arrays.items() if key not in dropped}
+    is_empty = (
+        CHANNELS[key].dtype == TEXTS or np.size(array) == 0
+        for key, array in left.items()
+    )
+    if all(is_empty):
+        return None
     return parsed.file.format.encode({CHANNELS[key]: left[key] for key in left})
 
 

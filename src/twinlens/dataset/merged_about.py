@@ -47,10 +47,17 @@ def _merged(texts: Sequence[About]) -> dict[str, str]:
     are_stated = all(text.license for text in texts)
     return {
         **shared,
-        "license": " AND ".join(licences) if are_stated else "",
+        "license": _joined(licences) if are_stated else "",
         "creator": ", ".join(_distinct([text.creator for text in texts])),
         "cite_as": "\n".join(_distinct([text.cite_as for text in texts])),
     }
+
+
+def _joined(licences: Sequence[str]) -> str:
+    """All licences as one expression of SPDX, in which AND binds closer than OR."""
+    if len(licences) == 1:
+        return licences[0]
+    return " AND ".join(f"({text})" if " OR " in text else text for text in licences)
 
 
 def _distinct(values: Sequence[str]) -> list[str]:

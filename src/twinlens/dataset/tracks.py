@@ -88,7 +88,7 @@ def find_tracks(
         is in memory at a time.
     seed : of the choice of pixels.
     """
-    share = -(-most // len(rig))
+    share = max(1, most // len(rig))
     proposals = _proposals(rig, truth, share * _PROPOSED, seed)
     count = len(proposals.points)
     pixels = np.full((len(rig), count, 2), np.nan)
@@ -100,6 +100,7 @@ def find_tracks(
         colors[seen] += rgb8(image(view))[v, u]
     num_views = np.isfinite(pixels[..., 0]).sum(axis=0)
     kept = _first_of_each_view(num_views >= _FEWEST_VIEWS, proposals.sources, share)
+    kept = kept[:most]
     views, numbers = np.nonzero(np.isfinite(pixels[:, kept, 0]))
     return Tracks(
         points=proposals.points[kept],

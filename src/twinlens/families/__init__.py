@@ -53,7 +53,7 @@ FAMILIES: dict[str, Family] = {
         cards.NAMES,
     ),
     "street": Family(
-        "a street or a path in daylight, with houses, trees and cars",
+        "a street or a path by day or night, with houses, trees and cars",
         (4, 14),
         street.compose,
         2.5,

@@ -249,7 +249,9 @@ class Motion(Settings, noun="motion"):
         vectors = [keyframe.vector for keyframe in self.keyframes]
         for number in range(1, len(vectors)):
             before, after = vectors[number - 1 : number + 1]
-            is_one_axis = not np.cross(before, after).any()
+            lengths = np.linalg.norm(before) * np.linalg.norm(after)
+            # Parallel but for rounding.
+            is_one_axis = np.linalg.norm(np.cross(before, after)) <= 1e-9 * lengths
             turned = float(np.linalg.norm(after - before))
             if is_one_axis and turned >= _HALF_TURN_DEG:
                 raise InputError(

@@ -6,6 +6,8 @@ A channel is an array over the pixels of a view. Those of every `Truth` are its 
 `ViewHits` and a row of `EXTRA_CHANNELS`; `Truth.extra` has it under its name.
 """
 
+import contextlib
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
@@ -189,6 +191,10 @@ def _check_extra_names() -> None:
             )
 
 
+_moving = threading.RLock()
+"""Held while a moving scene is traced at its two times."""
+
+
 class _Instant(NamedTuple):
     """A camera at a time in seconds."""
 
@@ -230,10 +236,18 @@ def correspondence(
             f"a pair needs two different cameras from 0 to {len(rig) - 1}, or one camera at two times (camera, "
             f"seconds), got {source} and {target}"
         )
+    # A moving scene is built once, and others must not move it meanwhile.
+    with _moving if scene.motion else contextlib.nullcontext():
+        return _correspondence(scene, rig, here, there, sky)
+
+
+def _correspondence(
+    scene: Scene, rig: Rig, here: _Instant, there: _Instant, sky: bool
+) -> Correspondence:
     rig_now = rig.at(here.time)
     view = _view_hits(built_at(scene, here.time, rig_now), rig_now, here.camera)
     now = _Then(view.built, rig_now, view.first.position)
-    # A moving scene is built once: at the target's time `view.built` is moved too, and only its hits are used.
+    # At the target's time `view.built` is moved too, and only its hits are used.
     poses = _poses(view.built)
     rig_then = rig.at(there.time)
     built = built_at(scene, there.time, rig_then)

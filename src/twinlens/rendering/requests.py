@@ -116,7 +116,7 @@ def check_still(scene: Scene) -> None:
     if scene.motion:
         raise InputError(
             f"the scene {scene.name!r} moves, and images and truth are of one time: use scene.at(seconds) in Python; "
-            "recipes and commands take still scenes"
+            "recipes and `twinlens render` take still scenes"
         )
 
 

@@ -39,6 +39,8 @@ from twinlens.scoring.conditions import sample_values
 THUMBNAILS, CHANNELS = "thumbnails", "channels"
 INDEX = "pictures.json"
 """For which files the pictures were made, so that a later run keeps those that are right."""
+_OWNER = {"": ["twinlens browse", []]}
+"""What the index of a page has besides samples, whose names are not empty: other programs may have such files too."""
 _MARK = '<meta name="generator" content="twinlens browse">'
 _BATCH = 64
 """Samples whose pictures are made before the next ones are begun."""
@@ -68,7 +70,9 @@ def write_dataset_page(
 
     Raises OutputError.
     """
-    earlier = _earlier(folder)
+    earlier = _earlier(folder) | _OWNER
+    # First, so that a later run knows the folder again if this one is interrupted.
+    write_file(folder / INDEX, json.dumps(earlier).encode())
     shown: list[Shown] = []
     samples = [*dataset]
     try:
@@ -86,9 +90,8 @@ def write_dataset_page(
 
 
 def is_page(folder: Path) -> bool:
-    """Whether the folder holds such a page."""
-    page = folder / "index.html"
-    return page.is_file() and _MARK.encode() in read_bytes(page)[:2000]
+    """Whether the folder holds such a page, complete or not."""
+    return _OWNER.items() <= _earlier(folder).items()
 
 
 def _earlier(folder: Path) -> dict[str, Any]:

@@ -221,7 +221,7 @@ function tile(sample, title, file, number, count) {
   picture.style.backgroundSize = `${100 * count}% 100%`;
   picture.style.backgroundPosition = `${count > 1 ? (100 * number) / (count - 1) : 0}% 0`;
   picture.style.aspectRatio = ratio(sample);
-  const place = data.root && file ? `${data.root}/${path(name)}/${path(file)}` : "";
+  const place = data.root && file ? `${path(data.root)}/${path(name)}/${path(file)}` : "";
   const link = place ? el("a", { href: place, target: "_blank", rel: "noopener" }, "open") : null;
   const figure = el("figure", {}, picture, el("figcaption", {}, title, span ? el("small", {}, span) : null, link));
   picture.addEventListener("click", () => figure.classList.toggle("wide"));
