@@ -12,7 +12,8 @@ import pytest
 import twinlens as tl
 from tests.rendering.rendering_answers import View
 from tests.rendering.rendering_bodies import Ball, Hull, Plate, seen_from
-from twinlens.camera import BrownConrady, Camera, Misalignment, Rig, misaligned, rectify
+from twinlens.camera import BrownConrady, Camera, Misalignment, Rig, misaligned
+from twinlens.camera.rectification import rectify
 from twinlens.errors import InputError
 from twinlens.geometry.motion import Keyframe, Motion, Turn
 from twinlens.scenes import Mesh, Scene, SceneObject
