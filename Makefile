@@ -2,6 +2,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
+# One more than processors, as some tests wait for other programs.
+WORKERS := $(shell expr $$(nproc) + 1)
+
 .PHONY: demo test test-all lint docs dist installed bench pictures clean
 
 demo: .venv/installed
@@ -11,10 +14,10 @@ demo: .venv/installed
 test test-all: export PYTHONDONTWRITEBYTECODE :=
 
 test: .venv/installed-test
-	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder -m "not slow"
+	$(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder -m "not slow"
 
 test-all: .venv/installed-test
-	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 	$(MAKE) installed
 
 lint: .venv/installed-lint
