@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 
 import twinlens as tl
 from tests.calibrations.calibration_files import opencv_file, same, write_ros
+from tests.dataset.test_calib import MOTORCYCLE
 from twinlens import geometry
 from twinlens.calibrations import read_rig
 from twinlens.calibrations.reading import LengthWarning
@@ -293,15 +294,7 @@ def test_cameras_in_the_other_order_are_named_with_the_command(tmp_path, twinlen
     assert "--cameras 1,0" in printed
 
 
-# Motorcycle of Middlebury 2014; a pair of ETH3D, whose baseline is below a millimetre's digits; spaces and commas.
-CALIB = """cam0=[3979.911 0 1244.772; 0 3979.911 1019.507; 0 0 1]
-cam1=[3979.911 0 1369.115; 0 3979.911 1019.507; 0 0 1]
-doffs=124.343
-baseline=193.001
-width=2964
-height=2000
-ndisp=270
-"""
+# A pair of ETH3D, whose baseline is below a millimetre's digits; spaces and commas.
 ETH3D = """cam0=[541.764 0 553.869; 0 541.764 232.396; 0 0 1]
 cam1=[541.764 0 553.869; 0 541.764 232.396; 0 0 1]
 doffs=0
@@ -325,7 +318,7 @@ height = 480
 @pytest.mark.parametrize(
     ("text", "fx", "cx", "doffs", "baseline", "size"),
     [
-        (CALIB, 3979.911, 1244.772, 124.343, 0.193001, (2964, 2000)),
+        (MOTORCYCLE, 3979.911, 1244.772, 124.343, 0.193001, (2964, 2000)),
         (ETH3D, 541.764, 553.869, 0.0, 0.0599504, (941, 490)),
         (SPACED, 700.0, 319.5, 10.75, 0.12, (640, 480)),
     ],

@@ -384,16 +384,7 @@ def test_a_light_field_is_the_same_at_any_place():
         assert close.mean() >= 0.98
 
 
-BUNDLED = [
-    "cards",
-    "corner",
-    "fence",
-    "room",
-    "spheres",
-    "staircase",
-    "tabletop",
-    "yard",
-]
+BUNDLED = tl.bundled_scenes()
 RANDOM = [
     (family, seed)
     for family in ("tabletop", "room", "flying", "cards")

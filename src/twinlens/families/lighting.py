@@ -234,7 +234,12 @@ KINDS: tuple[tuple[Light, float], ...] = (
     (window, 0.2),
 )
 """Kinds of light and their shares of the scenes by day; at night there is one lamp, `_AT_NIGHT`."""
-_AT_NIGHT: tuple[tuple[Light, float], ...] = ((one_lamp, 0.6), (headlight, 0.4))
+HEADLIGHTS = 0.4
+"""Share of the nights whose lamp is at the camera."""
+_AT_NIGHT: tuple[tuple[Light, float], ...] = (
+    (one_lamp, 1 - HEADLIGHTS),
+    (headlight, HEADLIGHTS),
+)
 _OUTDOORS = (daylight, overcast)
 NAMES = frozenset(("sun", "key-light", "fill-light"))
 """Names of the lamps that they add."""

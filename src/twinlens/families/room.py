@@ -39,7 +39,6 @@ _SMALL = ("vase", "bottle", "bowl", "cup", "jar", "tin", "candle", "book", "book
 _SIDES = ("back", "left", "right")
 _MOST_ON_FLOOR, _MOST_ON_SHELF = 24, 6  # things
 _BESIDE_WALL = 0.45  # share of the cameras
-_HEADLIGHTS = 0.4  # share of the nights with a lamp at the camera
 _OFF_WALLS = 0.25  # metres: in front of window sills and curtains
 _LEAST_SIZE = 0.1  # metres, of a thing on a shelf
 
@@ -574,7 +573,7 @@ def _light(scene: Composition, shell: Shell) -> None:
     At night there is a small lamp alone, with hard shadows, or one at the camera.
     """
     rng = scene.rng("light")
-    if scene.is_night and rng.random() < _HEADLIGHTS:
+    if scene.is_night and rng.random() < lighting.HEADLIGHTS:
         middle = np.array([0.0, 0.5 * shell.back, 0.4 * shell.height])
         # Towards the middle of the room, away from a wall that is near.
         side = -math.copysign(1.0, scene.view.eye[0])

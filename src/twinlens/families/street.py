@@ -39,9 +39,7 @@ NAMES = names_in_scenes() | {
 }  # fmt: skip
 """Names of what scenes have besides bodies, without numbers."""
 
-_LAMP = np.array(
-    [0.12, 0.12]
-)  # metres, the sides of what shines below the head of a lamp post
+_LAMP = np.full(2, 0.12)  # metres, the sides of what shines on a lamp post
 _SMALL = ("carton", "carton", "block", "tin", "pebble", "pebble", "ball", "jar")
 _BEHIND = -3.0  # where surfaces begin, behind the camera
 _BESIDE_PATH = 2.0  # metres of level ground beside a path, where things stand
