@@ -228,8 +228,20 @@ def test_medians_of_random_scenes_are_in_the_range_of_real_pairs(held_out, name)
     assert low <= held_out[name][0] <= high
 
 
+OFFSET = pytest.param(
+    "offset",
+    marks=pytest.mark.xfail(
+        strict=True,
+        reason="-2.32; -2.23 would be near, and the 41 pairs of the frozen benchmark have -1.15",
+    ),
+)
+"""Known not to be near in these twelve scenes: stray light, which the second camera alone has, makes it negative."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", COMPARED)
+@pytest.mark.parametrize(
+    "name", [*[name for name in COMPARED if name != "offset"], OFFSET]
+)
 def test_medians_of_random_scenes_are_near_those_of_real_pairs(held_out, name):
     """Within a third of the real range."""
     middle, low, high = STATISTICS[name].real
